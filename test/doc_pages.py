@@ -11,18 +11,18 @@ PAGES = {
 }
 
 
-def code_blocks(page: str, *languages: str) -> list[tuple[str, str]]:
+def code_blocks(page, *languages):
     """Return language and text of the code blocks of a page, in order; of some languages."""
     found = re.findall(r'^```(\w+)\n(.*?)^```$', PAGES[page], re.MULTILINE | re.DOTALL)
     return [(language, text) for language, text in found if language in languages]
 
 
-def code(page: str, language: str) -> list[str]:
+def code(page, language):
     """Return the texts of the code blocks of a language."""
     return [text for _, text in code_blocks(page, language)]
 
 
-def section(page: str, heading: str) -> str:
+def section(page, heading):
     """Return the text below a heading, up to the next heading of the same level or above."""
     level = heading.partition(' ')[0]
     _, found, text = PAGES[page].partition(f'\n{heading}\n')
@@ -30,13 +30,13 @@ def section(page: str, heading: str) -> str:
     return re.split(rf'^#{{1,{len(level)}}} ', text, maxsplit=1, flags=re.MULTILINE)[0]
 
 
-def first_cells(text: str) -> list[str]:
+def first_cells(text):
     """Return the first cells of the rows of the tables in a text, without the header rows."""
     rows = re.findall(r'^\| ?(.*?) ?\|.*\n(?!\|--)', text + '\n', re.MULTILINE)
     return [cell for cell in rows if not cell.startswith('--')]
 
 
-def anchors(page: str) -> set[str]:
+def anchors(page):
     """Return the names of the headings of a page, as GitHub makes them for links."""
     text = re.sub(r'^```.*?^```$', '', PAGES[page], flags=re.MULTILINE | re.DOTALL)
     headings = re.findall(r'^#+ (.*)$', text, re.MULTILINE)

@@ -2,26 +2,17 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.conditions import DropConditions
-from resting_aspects_ros.simulation.job import DropJob, make_job
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.kernel_data import Numerics
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.release import TIME_LIMIT
 from resting_aspects_ros.simulation.scene import depth_along
 from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.simulation.surroundings import Surroundings
-from resting_aspects_ros.simulation.surroundings_kinds import Kind
-
-Vectors = Array | Sequence[float]
 
 
 class Placed:
@@ -34,14 +25,7 @@ class Placed:
         Codes of RestStatus of the last run.
     """
 
-    def __init__(
-        self,
-        job: DropJob,
-        position: Array,
-        orientation: Array,
-        velocity: Vectors = (0.0, 0.0, 0.0),
-        spin: Vectors = (0.0, 0.0, 0.0),
-    ) -> None:
+    def __init__(self, job, position, orientation, velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
         n = len(position)
         self.job = job
         self.states = States(
@@ -54,7 +38,7 @@ class Placed:
         self.status = np.zeros(n, dtype=np.uint8)
         self._ground = ground_of(job)
 
-    def run(self, time: float) -> States:
+    def run(self, time):
         """Simulate each body until it has ended, or for ``time`` T or up to 0.5 T longer."""
         s, n = self.states, len(self.time)
         ends, codes = np.empty((n, 15)), np.empty((n, 2), dtype=np.int64)
@@ -73,38 +57,24 @@ class Placed:
         self.status = codes[:, 0].astype(np.uint8)
         return self.states
 
-    def settle(self) -> npt.NDArray[np.uint8]:
+    def settle(self):
         """Simulate until all have ended; returns their statuses."""
         self.run(TIME_LIMIT)
         return self.status
 
-    def tilt(self, angle: float) -> None:
+    def tilt(self, angle):
         """Incline the level plane z = 0 by an angle, downhill along x."""
         down = np.array([math.sin(angle), 0.0, -math.cos(angle)])
         self._ground = self._ground._replace(gravity=down)
 
 
-def job_in(
-    part: Part,
-    conditions: DropConditions,
-    kind: Kind,
-    bodies: Mapping[str, Any] | None = None,
-    release: Mapping[str, Any] | None = None,
-    **more: Any,
-) -> DropJob:
+def job_in(part, conditions, kind, bodies=None, release=None, **more):
     """Return the job of a part in a kind of surroundings; ``more`` is for make_job."""
     found = Surroundings(kind, bodies=bodies or {}, release=release or {})
     return make_job(part, dataclasses.replace(conditions, surroundings=found), 1, **more)
 
 
-def flat_on(
-    job: DropJob,
-    yaws: Vectors,
-    velocity: Vectors = (0.0, 0.0, 0.0),
-    x: float = 0.0,
-    y: float = 0.0,
-    lift: float = 0.0,
-) -> Placed:
+def flat_on(job, yaws, velocity=(0.0, 0.0, 0.0), x=0.0, y=0.0, lift=0.0):
     """Place bodies with their part frames turned by angles about z on the plane z = 0."""
     turned = Rotation.from_euler('z', np.reshape(yaws, (-1, 1)))
     orientation = (turned * Rotation.from_quat(job.axes)).as_quat()
@@ -113,7 +83,7 @@ def flat_on(
     return Placed(job, position, orientation, velocity)
 
 
-def point_path(angle: float, friction: float, velocity: Array, step: float = 1e-3) -> Array:
+def point_path(angle, friction, velocity, step=1e-3):
     """Return the displacement (2,) of a point mass with Coulomb friction until it stops.
 
     On a slope that is inclined by an angle, downhill along x, with g = 1.
@@ -129,13 +99,13 @@ def point_path(angle: float, friction: float, velocity: Array, step: float = 1e-
     return at
 
 
-def groove_height(job: DropJob, rolls: Array, corners: Array) -> Array:
+def groove_height(job, rolls, corners):
     """Return the heights (n,) at which a turned cross-section (k, 2) touches both planes."""
     planes = [body.normal for body in job.scene.half_spaces]
     return np.asarray(sum(_reaches(job, rolls, corners)) / sum(n[2] for n in planes))
 
 
-def in_groove(job: DropJob, rolls: Array, corners: Array) -> Placed:
+def in_groove(job, rolls, corners):
     """Place bodies along a groove that are turned by rolls (n,), a little above both planes."""
     planes = [body.normal[1:] for body in job.scene.half_spaces]
     reach = 0.002 + np.array(_reaches(job, rolls, corners))
@@ -144,7 +114,7 @@ def in_groove(job: DropJob, rolls: Array, corners: Array) -> Placed:
     return Placed(job, np.column_stack([0 * rolls, at]), turned.as_quat())
 
 
-def _reaches(job: DropJob, rolls: Array, corners: Array) -> list[Array]:
+def _reaches(job, rolls, corners):
     """Return how far a cross-section that is turned by rolls reaches into each plane, (n,)."""
     c, s = np.cos(rolls)[:, None], np.sin(rolls)[:, None]
     y, z = c * corners[:, 0] - s * corners[:, 1], s * corners[:, 0] + c * corners[:, 1]

@@ -6,17 +6,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 from scipy.stats import chi2_contingency
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
-from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_engine import GROUP
 from resting_aspects_ros.simulation.bullet_world import World
-from resting_aspects_ros.simulation.conditions import BULLET, DropConditions
-from resting_aspects_ros.simulation.job import DropJob, make_job
+from resting_aspects_ros.simulation.conditions import BULLET
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.release import initial_states, resting_poses
 from resting_aspects_ros.simulation.scene import HalfSpace, PairValues, Scene, X, Y
 from resting_aspects_ros.simulation.surroundings import Surroundings
@@ -31,13 +28,13 @@ LEVEL = 1e-3
 ON_BELT = 0.05
 
 
-def same(counts: npt.NDArray[np.int64], others: npt.NDArray[np.int64]) -> float:
+def same(counts, others):
     """Return the probability of such a difference if both are of one distribution."""
     table = np.array([counts, others])
     return float(chi2_contingency(table[:, table.sum(axis=0) > 0]).pvalue)
 
 
-def tilted_plane(level: DropJob, angle: float) -> DropJob:
+def tilted_plane(level, angle):
     """Return the job on a plane that is tilted with gravity tilted alike."""
     c = level.conditions
     floor = HalfSpace(
@@ -50,7 +47,7 @@ def tilted_plane(level: DropJob, angle: float) -> DropJob:
     return dataclasses.replace(level, scene=scene)
 
 
-def mirrored_chute(job: DropJob) -> DropJob:
+def mirrored_chute(job):
     """Return the job in the mirror image of its chute, which has a roll of 45 degrees."""
     belt, wall = job.scene.half_spaces
     low, high = job.scene.region
@@ -63,9 +60,7 @@ def mirrored_chute(job: DropJob) -> DropJob:
     return dataclasses.replace(job, scene=scene)
 
 
-def groove_and_mesh(
-    part: Part, conditions: DropConditions, seed: int, opening: float, cells: int
-) -> tuple[DropJob, DropJob]:
+def groove_and_mesh(part, conditions, seed, opening, cells):
     """Return the jobs in a groove of two planes, and on a mesh of it with 4 x ``cells`` triangles.
 
     The mesh is a strip of 2 m along x, with sides of 0.3 m. Both are simulated in Bullet.
@@ -88,7 +83,7 @@ def groove_and_mesh(
     return planes, meshed
 
 
-def poses_from(job: DropJob, released: DropJob, drops: int) -> RestingPoses:
+def poses_from(job, released, drops):
     """Return the resting poses of a job of Bullet, with the releases of another in the same axes.
 
     ``drops`` is a multiple of GROUP.
@@ -100,9 +95,7 @@ def poses_from(job: DropJob, released: DropJob, drops: int) -> RestingPoses:
     return RestingPoses.join(groups)
 
 
-def counts_on_belt(
-    job: DropJob, aspects: AspectSet, poses: RestingPoses, flip: int
-) -> npt.NDArray[np.int64]:
+def counts_on_belt(job, aspects, poses, flip):
     """Return the counts, (k + 1,), of what lies on the belt: first other poses, then aspects.
 
     ``flip`` is -1 for a mirrored part, and ``aspects`` are those of the part itself.

@@ -35,12 +35,8 @@ def bomb():
         b'\x1b[31m' * 1000,
         '\x1b]0;title\x07\n\r\u202e',
         10**5000,
-        -(16**4000),
         bomb(),
-        {'a': [[[[[['deep']]]]]]},
-        Broken(),
         [Broken()],
-        float('nan'),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -50,17 +46,10 @@ def test_repr_of_any_value_is_one_short_line(value):
     assert text.isprintable()
 
 
-def test_repr_of_short_values_is_unchanged():
+def test_short_values_are_shown_whole_and_long_ones_by_their_ends():
     for value in ('bracket', 12, 1e-9, None, [1, 2], {'a': 1}, (0.0, float('inf'))):
         assert shown(value) == repr(value)
-
-
-def test_numbers_of_numpy_are_shown_as_numbers():
-    assert shown(np.float64(99)) == '99.0'
-    assert shown([np.int64(3), np.float32(0.5)]) == '[3, 0.5]'
-
-
-def test_long_text_keeps_its_beginning_and_its_end():
+    assert shown([np.int64(3), np.float64(99)]) == '[3, 99.0]'
     text = shown('/data/' + 'x' * 500 + '/bracket.stl')
     assert text.startswith("'/data/")
     assert text.endswith("/bracket.stl'")

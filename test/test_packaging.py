@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -21,59 +22,45 @@ SUITE = ROOT / 'package.xml'
 INTERFACES = ROOT / 'resting_aspects_interfaces' / 'package.xml'
 
 # import name: (name in requirements*.in, rosdep key or ROS package in package.xml)
-MESSAGES = 'ros-jazzy-common-interfaces'
 DEPENDENCIES = {
+    **{
+        name: (name, f'python3-{name}')
+        for name in (
+            'aiohttp', 'ezdxf', 'hypothesis', 'jinja2', 'llvmlite', 'lxml', 'matplotlib', 'numba',
+            'numpy', 'openpyxl', 'pydantic', 'pytest', 'rich', 'scipy', 'shapely',
+        )
+    },
+    **{name: (name, f'python3-{name}-pip') for name in ('pybullet', 'rosbags', 'trimesh')},
+    **{name: (name, None) for name in ('cascadio', 'coacd', 'manifold3d', 'simpy')},
+    'fast_simplification': ('fast-simplification', None),  # rosdep has no key for these five
     'PIL': ('pillow', 'python3-pil'),
-    'aiohttp': ('aiohttp', 'python3-aiohttp'),
-    'action_msgs': ('ros-jazzy-rclpy', 'action_msgs'),
-    'ament_index_python': ('ros-jazzy-rclpy', 'ament_index_python'),
-    'builtin_interfaces': (MESSAGES, 'builtin_interfaces'),
-    'cascadio': ('cascadio', None),  # rosdep has no key for it
     'catkin_pkg': ('catkin_pkg', 'python3-catkin-pkg'),
-    'coacd': ('coacd', None),  # rosdep has no key for it
-    'fast_simplification': ('fast-simplification', None),  # rosdep has no key for it
     'contourpy': ('contourpy', 'python3-matplotlib'),  # which depends on it
     'cv2': ('opencv-python-headless', 'python3-opencv'),
-    'diagnostic_msgs': (MESSAGES, 'diagnostic_msgs'),
     'domain_coordinator': ('ros-domain-coordinator', 'domain_coordinator'),
-    'geometry_msgs': (MESSAGES, 'geometry_msgs'),
-    'ezdxf': ('ezdxf', 'python3-ezdxf'),
-    'hypothesis': ('hypothesis', 'python3-hypothesis'),
-    'jinja2': ('jinja2', 'python3-jinja2'),
-    'launch': (None, 'launch'),  # with a ROS, where the launch file is used
-    'launch_ros': (None, 'launch_ros'),
-    'lxml': ('lxml', 'python3-lxml'),
-    'lz4': ('mcap', 'mcap-ros2-support'),  # what mcap reads chunks with
-    'manifold3d': ('manifold3d', None),  # rosdep has no key for it
-    'matplotlib': ('matplotlib', 'python3-matplotlib'),
-    'mcap': ('mcap', 'mcap-ros2-support'),
-    'numpy': ('numpy', 'python3-numpy'),
-    'openpyxl': ('openpyxl', 'python3-openpyxl'),
-    'llvmlite': ('llvmlite', 'python3-llvmlite'),
-    'numba': ('numba', 'python3-numba'),
-    'pybullet': ('pybullet', 'python3-pybullet-pip'),
-    'pydantic': ('pydantic', 'python3-pydantic'),
-    'pytest': ('pytest', 'python3-pytest'),
-    'rcl_interfaces': ('ros-jazzy-rclpy', 'rcl_interfaces'),
-    'rclpy': ('ros-jazzy-rclpy', 'rclpy'),
-    'resting_aspects_interfaces': (None, 'resting_aspects_interfaces'),
-    'rich': ('rich', 'python3-rich'),
-    'rosbags': ('rosbags', 'python3-rosbags-pip'),
-    'scipy': ('scipy', 'python3-scipy'),
-    'shapely': ('shapely', 'python3-shapely'),
-    'simpy': ('simpy', None),  # rosdep has no key for it
-    'rosgraph_msgs': ('ros-jazzy-rclpy', 'rosgraph_msgs'),
-    'sensor_msgs': (MESSAGES, 'sensor_msgs'),
-    'shape_msgs': (MESSAGES, 'shape_msgs'),
-    'std_msgs': (MESSAGES, 'std_msgs'),
-    'tf2_msgs': (None, 'tf2_msgs'),  # with a ROS, where tf2 is installed
-    'std_srvs': (MESSAGES, 'std_srvs'),
-    'trimesh': ('trimesh', 'python3-trimesh-pip'),
-    'unique_identifier_msgs': ('ros-jazzy-rclpy', 'unique_identifier_msgs'),
-    'visualization_msgs': (MESSAGES, 'visualization_msgs'),
     'yaml': ('pyyaml', 'python3-yaml'),
-    'zstandard': ('mcap', 'mcap-ros2-support'),
-}
+    # mcap reads chunks with the others.
+    **dict.fromkeys(('lz4', 'mcap', 'zstandard'), ('mcap', 'mcap-ros2-support')),
+    **{
+        name: ('ros-jazzy-rclpy', name)
+        for name in (
+            'action_msgs', 'ament_index_python', 'rcl_interfaces', 'rclpy', 'rosgraph_msgs',
+            'unique_identifier_msgs',
+        )
+    },
+    **{
+        name: ('ros-jazzy-common-interfaces', name)
+        for name in (
+            'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs', 'shape_msgs',
+            'std_msgs', 'std_srvs', 'visualization_msgs',
+        )
+    },
+    # Built here, or in an installed ROS.
+    **{
+        name: (None, name)
+        for name in ('launch', 'launch_ros', 'resting_aspects_interfaces', 'tf2_msgs')
+    },
+}  # fmt: skip
 # What the suite can do without, and neither requirements.in nor package.xml has.
 OPTIONAL = {'distributed'}
 # Used without an import: the time limit of tests in pyproject.toml.
@@ -98,6 +85,7 @@ def third_party_imports(folder):
     return names - sys.stdlib_module_names - own
 
 
+@cache
 def needed(folder):
     """Return what the imports of a folder need: names in requirements*.in, and in package.xml."""
     imported = third_party_imports(folder) - OPTIONAL
@@ -128,75 +116,48 @@ def test_package_xml_is_valid_without_a_warning(path):
     assert 'Apache License' in (ROOT / 'LICENSE').read_text()
 
 
-def needed_to_launch():
-    """Return what the launch file imports and the packages whose programs it starts."""
-    _, imported = needed('launch')
-    (file,) = (ROOT / 'launch').glob('*.py')
-    started = set(re.findall(r"package='(\w+)'", file.read_text()))
-    assert started == {'rviz2', 'tf2_ros'}
-    return imported | started
+def from_setup(*keys):
+    """Return some of the values that setup.py gives to setuptools."""
+    script = (
+        'import json, runpy, setuptools, sys\n'
+        'setuptools.setup = lambda **given: print(json.dumps([given[k] for k in sys.argv[1:]]))\n'
+        'runpy.run_path("setup.py")'
+    )
+    command = [sys.executable, '-c', script, *keys]
+    return json.loads(subprocess.check_output(command, cwd=ROOT, text=True))
 
 
 @pytest.mark.slow
-def test_imports_of_the_suite_are_declared():
+def test_package_xml_and_requirements_declare_what_is_imported():
     pinned, keys = needed('resting_aspects_ros')
-    in_launch = needed_to_launch()
-    assert {'numpy', 'ros-jazzy-rclpy'} <= pinned
-    assert {'launch', 'launch_ros'} <= in_launch
-    assert (keys | in_launch) - names(parse_package(SUITE).exec_depends) == set()
-    assert pinned - requirements('requirements.in') == set()
-
-
-def declared_by_setup():
-    """Return the names that setup.py requires, and those of its extras."""
-    script = (
-        'import json, runpy, setuptools\n'
-        "keys = ('install_requires', 'extras_require')\n"
-        'setuptools.setup = lambda **given: print(json.dumps([given[key] for key in keys]))\n'
-        'runpy.run_path("setup.py")'
-    )
-    printed = subprocess.run(
-        [sys.executable, '-c', script], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
-    required, extras = json.loads(printed)
-    name = re.compile('[A-Za-z0-9-]+')
-    return (
-        {name.match(each)[0] for each in required},
-        {extra: {name.match(each)[0] for each in of} for extra, of in extras.items()},
-    )
+    _, in_launch = needed('launch')
+    (file,) = (ROOT / 'launch').glob('*.py')
+    started = set(re.findall(r"package='(\w+)'", file.read_text()))
+    assert started == {'rviz2', 'tf2_ros'}
+    pinned_of_tests, keys_of_tests = needed('test')
+    package = parse_package(SUITE)
+    # trimesh reads 3MF files with networkx.
+    assert names(package.exec_depends) == keys | in_launch | started | {'python3-networkx'}
+    assert names(package.build_depends) <= keys
+    assert names(package.test_depends) - keys_of_tests == NEVER_IMPORTED
+    assert keys_of_tests <= names(package.exec_depends + package.test_depends)
+    assert pinned <= requirements('requirements.in')
+    assert pinned_of_tests <= requirements('requirements.in', 'requirements-dev.in')
 
 
 @pytest.mark.slow
 def test_setup_declares_what_the_rooms_without_ros_import():
-    required, extras = declared_by_setup()
-    optional = set().union(*extras.values())
+    name = re.compile('[A-Za-z0-9-]+')
+    installed, extras = from_setup('install_requires', 'extras_require')
+    required = {name.match(each)[0] for each in installed}
+    optional = {name.match(each)[0] for of in extras.values() for each in of}
     pinned, _ = needed('resting_aspects_ros')
     assert pinned - required - optional == set()
     # trimesh reads 3MF files with networkx.
     assert required - pinned == {'networkx'}
-    assert extras['dask'] == OPTIONAL
+    assert {name.match(each)[0] for each in extras['dask']} == OPTIONAL
     assert requirements('requirements-dev.in') - requirements('requirements.in') >= OPTIONAL
     assert required | (optional - OPTIONAL - {'numba-cuda'}) <= requirements('requirements.in')
-
-
-@pytest.mark.slow
-def test_imports_of_the_tests_are_declared():
-    pinned, keys = needed('test')
-    package = parse_package(SUITE)
-    assert keys - names(package.exec_depends + package.test_depends) == set()
-    assert pinned - requirements('requirements.in', 'requirements-dev.in') == set()
-
-
-@pytest.mark.slow
-def test_every_name_in_package_xml_is_used():
-    _, in_suite = needed('resting_aspects_ros')
-    in_launch = needed_to_launch()
-    _, in_tests = needed('test')
-    package = parse_package(SUITE)
-    # trimesh reads 3MF files with networkx.
-    assert names(package.exec_depends) - in_suite - in_launch == {'python3-networkx'}
-    assert names(package.build_depends) - in_suite == set()
-    assert names(package.test_depends) - in_tests == NEVER_IMPORTED
 
 
 def test_interface_package_declares_its_dependencies():
@@ -222,37 +183,26 @@ def test_rosdep_finds_both_packages():
 
 
 def test_versions_agree():
-    setup = subprocess.run(
-        [sys.executable, 'setup.py', '--version'],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert {
-        parse_package(SUITE).version,
-        parse_package(INTERFACES).version,
-        setup.stdout.split()[-1],
-    } == {resting_aspects_ros.__version__}
+    of_packages = {parse_package(each).version for each in (SUITE, INTERFACES)}
+    assert of_packages | set(from_setup('version')) == {resting_aspects_ros.__version__}
 
 
-def copied_to(source):
-    """Return a copy of the suite, as a build leaves files behind."""
+def built(kind, source, folder):
+    """Copy the suite to a folder, as a build leaves files behind, and build a wheel of it."""
     source.mkdir()
     for name in ('setup.py', 'setup.cfg', 'pyproject.toml', 'package.xml', 'README.md'):
         shutil.copy(ROOT / name, source)
     for name in (*SHARED, 'resource', 'resting_aspects_ros'):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns('*.pyc'))
-    return source
+    build = f'import setuptools.build_meta as b, sys; b.{kind}(sys.argv[1])'
+    subprocess.run([sys.executable, '-c', build, folder], cwd=source, check=True)
+    (wheel,) = folder.glob('*.whl')
+    return ZipFile(wheel)
 
 
 def test_script_beside_a_clone_named_like_the_package_imports_it(tmp_path):
-    clone = copied_to(tmp_path / 'resting_aspects_ros')
-    build = 'import setuptools.build_meta as b, sys; b.build_editable(sys.argv[1])'
-    subprocess.run([sys.executable, '-c', build, tmp_path], cwd=clone, check=True)
-    site = tmp_path / 'site'
-    (wheel,) = tmp_path.glob('*.whl')
-    with ZipFile(wheel) as packed:
+    clone, site = tmp_path / 'resting_aspects_ros', tmp_path / 'site'
+    with built('build_editable', clone, tmp_path) as packed:
         packed.extractall(site)
     script = tmp_path / 'script.py'
     script.write_text(
@@ -260,58 +210,28 @@ def test_script_beside_a_clone_named_like_the_package_imports_it(tmp_path):
         'import resting_aspects_ros\nprint(resting_aspects_ros.__file__)\n'
     )
     # -S: without the site-packages of this virtual environment, where the suite is installed, too.
-    found = subprocess.run(
-        [sys.executable, '-S', script, site], env={}, capture_output=True, text=True, check=True
-    )
-    assert found.stdout.split() == [str(clone / 'resting_aspects_ros' / '__init__.py')]
+    found = subprocess.check_output([sys.executable, '-S', script, site], env={}, text=True)
+    assert found.split() == [str(clone / 'resting_aspects_ros' / '__init__.py')]
 
 
 @pytest.mark.slow
 def test_wheel_has_all_shared_files(tmp_path):
-    files = {path for folder in SHARED for path in (ROOT / folder).rglob('*.*')} - {
-        path for folder in SHARED for path in (ROOT / folder).rglob('*.pyc')
+    files = {
+        path.relative_to(ROOT).as_posix()
+        for folder in SHARED
+        for path in (ROOT / folder).rglob('*.*')
+        if path.is_file() and path.suffix != '.pyc'
     }
-    shared = {path.relative_to(ROOT).as_posix() for path in files if path.is_file()}
-    assert {'config/surfaces.yaml', 'launch/resting_aspects.launch.py'} <= shared
-    source = copied_to(tmp_path / 'source')
-    options = ('--no-deps', '--no-build-isolation', '--no-index', '--quiet')
-    subprocess.run(
-        [sys.executable, '-m', 'pip', 'wheel', *options, '--wheel-dir', tmp_path, source],
-        check=True,
-    )
-    (wheel,) = tmp_path.glob('*-py3-none-any.whl')
+    assert {'config/surfaces.yaml', 'launch/resting_aspects.launch.py'} <= files
     share = '.data/data/share/resting_aspects_ros/'
-    packed = {name.split(share)[1] for name in ZipFile(wheel).namelist() if share in name}
-    assert packed == {*shared, 'package.xml'}
+    with built('build_wheel', tmp_path / 'source', tmp_path) as packed:
+        shared = {name.split(share)[1] for name in packed.namelist() if share in name}
+    assert shared == {*files, 'package.xml'}
 
 
 def test_every_requirement_is_pinned_in_the_lock_file():
     for name in ('requirements', 'requirements-dev'):
         lines = (ROOT / f'{name}.txt').read_text().lower().replace('_', '-').splitlines()
         pinned = {line.partition('==')[0] for line in lines if '==' in line}
-        wanted = {
-            requirement.lower().replace('_', '-') for requirement in requirements(f'{name}.in')
-        }
-        assert wanted - pinned == set(), f'make requirements, after a change of {name}.in'
-
-
-def test_skipped_test_fails_in_ci_only(tmp_path):
-    (tmp_path / 'test_skips.py').write_text(
-        'import pytest\n\ndef test_skips():\n    pytest.skip("no ROS here")\n'
-    )
-    command = [sys.executable, '-m', 'pytest', '-p', 'conftest', '--rootdir=.', tmp_path]
-
-    def run(**environment):
-        return subprocess.run(
-            command,
-            env={'PYTHONPATH': str(ROOT), **environment},
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-
-    assert run().returncode == 0
-    in_ci = run(CI='true')
-    assert in_ci.returncode == 1
-    assert 'no ROS here' in in_ci.stdout
+        wanted = {each.lower().replace('_', '-') for each in requirements(f'{name}.in')}
+        assert wanted <= pinned, f'make requirements, after a change of {name}.in'

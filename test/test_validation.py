@@ -9,14 +9,7 @@ from validation import engines as validate_engines
 from validation.dropper import Dropper
 from validation.fit import Posterior, polynomial_deviance
 from validation.measured import cases, deviance
-from validation.paired import (
-    ONE_SIDED,
-    OUTSIDE,
-    action_job,
-    class_indices,
-    paired_counts,
-    shifts,
-)
+from validation.paired import ONE_SIDED, OUTSIDE, action_job, class_indices, paired_counts, shifts
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.aspects.find import find_aspects
@@ -28,10 +21,9 @@ from resting_aspects_ros.statistics.model_range import discrepancy
 def test_counted_sides_are_some_aspects_of_the_bodies():
     known = cases()
     assert len(known) == 12
-    for case in known:
-        assert 0 < len(case.ids) < len(case.aspects), case.name
-        assert 0 < case.count < case.rolls
+    assert all(0 < case.count < case.rolls for case in known)
     (side,) = (case for case in known if case.name.endswith('on its side'))
+    assert 0 < len(side.ids) < len(side.aspects)
     assert [a.rolls for a in side.aspects if a.id in side.ids] == [True]
 
 

@@ -1,13 +1,20 @@
-"""ROS messages through CDR, and as plain data that can be compared."""
+"""ROS messages through CDR and as plain data that can be compared, and as rosbags reads them."""
 
 import dataclasses
 
 from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.rosbag2 import Reader
 
 
 def over_the_wire(message):
     """Return a message after it was serialised and read again."""
     return deserialize_message(serialize_message(message), type(message))
+
+
+def bag_messages(folder):
+    """Return what rosbags reads of a log: topic, log time and bytes of each message."""
+    with Reader(folder) as reader:
+        return [(each.topic, at, bytes(raw)) for each, at, raw in reader.messages()]
 
 
 def plain(value):

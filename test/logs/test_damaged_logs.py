@@ -14,10 +14,7 @@ import pytest
 import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.data_stream import RecordBuilder
-from mcap.records import Chunk, Footer, Statistics
-from mcap.writer import Writer
-from rosbags.rosbag2 import Reader
+from wire import bag_messages
 
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.mcap_file import MAX_RECORD
@@ -31,30 +28,17 @@ PART_TIME = START - 50
 POSES = Topic('/resting_poses', POSES_TYPE, Qos(2000))
 PART = Topic('/parts/nut', PART_TYPE, Qos(1))
 CHATTER = Topic('/chatter', 'std_msgs/msg/String', Qos(1))
-MESH = random.Random(3).randbytes(2000)
-MESSAGE, CHUNK, CHUNK_INDEX, ATTACHMENT = 5, 6, 8, 9
-STATISTICS, METADATA, DATA_END = 11, 12, 15
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA = 1, 2, 3, 4, 5, 6, 9, 12
 MAGIC = b'\x89MCAP0\r\n'
-
-
-def messages_of(folder):
-    """What rosbags reads through metadata.yaml: topic, log time and bytes."""
-    with Reader(folder) as reader:
-        return [(each.topic, at, bytes(raw)) for each, at, raw in reader.messages()]
 
 
 def records_of(content):
     """Opcode, start and end of each record."""
-    at, found = 8, []
+    at = 8
     while at < len(content) - 8:
         end = at + 9 + int.from_bytes(content[at + 1 : at + 9], 'little')
-        found.append((content[at], at, end))
+        yield content[at], at, end
         at = end
-    return found
-
-
-def record(content, opcode, number=0):
-    return [(start, end) for kind, start, end in records_of(content) if kind == opcode][number]
 
 
 class Sample:
@@ -67,7 +51,7 @@ class Sample:
             log.add_metadata('run', {'note': 'café'})
             log.add_metadata('outcome', {'whole': 'true', 'drops': '6'})
             log.write(PART, b'\0\1\0\0part', PART_TIME)
-            log.attach('nut.stl', 'model/stl', MESH, START)
+            log.attach('nut.stl', 'model/stl', random.Random(3).randbytes(2000), START)
             log.flush()
             for k in range(6):
                 log.write(POSES, random.Random(k).randbytes(200 + k), START + k)
@@ -75,7 +59,7 @@ class Sample:
             self.unfinished = log.path.read_bytes()
         self.content = log.path.read_bytes()
         self.metadata = (log.path.parent / 'metadata.yaml').read_text()
-        self.messages = messages_of(log.path.parent)
+        self.messages = bag_messages(log.path.parent)
         self.by_index = by_index(log.path.parent)
 
     def copy(self, content, metadata=None):
@@ -95,9 +79,9 @@ def sample(tmp_path_factory):
 def recovered(folder):
     """What rosbags reads of a log after it was recovered."""
     found = recover_log(folder)
-    assert found.messages == len(messages_of(folder))
+    assert found.messages == len(bag_messages(folder))
     assert recover_log(folder).closed
-    return messages_of(folder)
+    return bag_messages(folder)
 
 
 def replayed(folder):
@@ -184,7 +168,6 @@ def test_log_with_any_flipped_byte_is_rejected(sample):
     """Checksums cover all but the magic bytes; a reader of the index may not read the place."""
     for at in range(0, len(sample.content), 293):
         content = damaged(sample.content, 'flip', at, at % 8, 1)
-        check_all(sample, content)
         if content.startswith(MAGIC) and content.endswith(MAGIC):
             with pytest.raises(LogError, match='is damaged: found'):
                 in_order(sample.copy(content))
@@ -200,83 +183,48 @@ def test_log_that_is_truncated_anywhere_is_read_up_to_its_end(tmp_path):
     assert len(whole) == 3
     ends = [end for kind, _, end in records_of(content) if kind == CHUNK]
     near_ends = {end + near for end in ends for near in (-1, 0, 1)}
-    for size in sorted(near_ends | set(range(0, len(content), 29))):
+    for size in sorted(near_ends | set(range(0, len(content), 59))):
         log.path.write_bytes(content[:size])
-        complete = sum(end <= size for end in ends)
-        assert replayed(log.path) == whole[:complete]
-        assert list(messages(log.path, CHATTER.type)) == [data for *_, data in whole[:complete]]
+        assert replayed(log.path) == whole[: sum(end <= size for end in ends)]
 
 
 # -- what contradicts itself ---------------------------------------------------------------------
 
 
-def rebuilt(content, change):
-    """A log whose summary was changed, with checksums that fit."""
-    start = int.from_bytes(content[-28:-20], 'little')
-    footer = len(content) - 8 - 29
-    summary = change(bytearray(content[start:footer]))
-    builder = RecordBuilder()
-    Footer(start, 0, 0).write(builder)
-    head = builder.end()[:-4]
-    crc = zlib.crc32(bytes(summary) + head)
-    return content[:start] + bytes(summary) + head + struct.pack('<I', crc) + MAGIC
-
-
-def without(opcode):
-    def change(summary):
-        found, at = bytearray(), 0
-        while at < len(summary):
-            end = at + 9 + int.from_bytes(summary[at + 1 : at + 9], 'little')
-            if summary[at] != opcode:
-                found += summary[at:end]
-            at = end
-        return found
-
-    return change
-
-
-def with_statistics(channels):
-    def change(summary):
-        builder = RecordBuilder()
-        Statistics(1, 2, channels, 7, 7, 105, 50, 2, 2).write(builder)
-        return without(STATISTICS)(summary) + builder.end()
-
-    return change
-
-
-SUMMARIES = {
-    'statistics of an unknown channel': with_statistics({0: 1, 2: 6}),
-    'no channels': without(4),
-    'no schemas': without(3),
-    'a channel of an unknown schema': lambda summary: summary.replace(
-        b'\2\0\2\0' + struct.pack('<I', 14) + b'/resting_poses',
-        b'\2\0\7\0' + struct.pack('<I', 14) + b'/resting_poses',
-    ),
-}
-
-
-@pytest.mark.parametrize('summary', SUMMARIES)
-def test_inconsistent_summary_is_not_used(sample, summary):
-    content = rebuilt(sample.content, SUMMARIES[summary])
-    assert content != sample.content
-    with pytest.raises(LogError, match='is damaged: found'):
+@pytest.mark.parametrize(('opcode', 'missing'), [(SCHEMA, 'schema'), (CHANNEL, 'channel')])
+def test_inconsistent_summary_is_not_used(sample, opcode, missing):
+    """It lacks records that others name; its checksum fits."""
+    start = int.from_bytes(sample.content[-28:-20], 'little')
+    summary = b''.join(
+        sample.content[at:end]
+        for kind, at, end in records_of(sample.content)
+        if at >= start and kind not in (opcode, FOOTER)
+    )
+    summary += struct.pack('<BQQQ', FOOTER, 20, start, 0)
+    content = sample.content[:start] + summary + struct.pack('<I', zlib.crc32(summary)) + MAGIC
+    with pytest.raises(LogError, match=f'is damaged: found a .* of the unknown {missing} '):
         by_index(sample.copy(content, sample.metadata))
     check_all(sample, content)
 
 
+def record_of(opcode, content, size=None):
+    """A record whose length may be another one than that of its content."""
+    return struct.pack('<BQ', opcode, len(content) if size is None else size) + content
+
+
+def chunk_of(compression, data, unpacked, size=None):
+    """A chunk with a declared size unpacked, whose size may be another one than that of data."""
+    head = struct.pack('<QQQII', 0, 0, unpacked, 0, len(compression)) + compression.encode()
+    return record_of(CHUNK, head + struct.pack('<Q', len(data) if size is None else size) + data)
+
+
+START_OF_FILE = MAGIC + record_of(HEADER, bytes(8))
+
+
 def test_message_of_unknown_channel_is_rejected(tmp_path):
     file = tmp_path / 'other.mcap'
-    with file.open('wb') as stream:
-        writer = Writer(stream, use_chunking=False)
-        writer.start('ros2')
-        channel = writer.register_channel('/chatter', 'cdr', 0)
-        writer.add_message(channel, 1, b'\0\1\0\0', 1)
-        writer.finish()
-    content = bytearray(file.read_bytes())
-    start, _ = record(content, MESSAGE)
-    content[start + 9] = 7
-    content[-16:-8] = bytes(8)
-    file.write_bytes(content)
+    message = struct.pack('<HIQQ', 7, 0, 1, 1) + b'\0\1\0\0'
+    file.write_bytes(START_OF_FILE + record_of(MESSAGE, message))
     for read in (replayed, recover_log):
         with pytest.raises(LogError, match='found a message of the unknown channel 7'):
             read(file)
@@ -285,29 +233,14 @@ def test_message_of_unknown_channel_is_rejected(tmp_path):
 # -- chunks that unpack to more than a log needs -------------------------------------------------
 
 
-def mcap_of(chunk):
-    """A file with one chunk, without an end."""
-    builder = RecordBuilder()
-    builder.start_record(1)
-    builder.write_prefixed_string('ros2')
-    builder.write_prefixed_string('')
-    builder.finish_record()
-    chunk.write(builder)
-    return MAGIC + builder.end()
-
-
-def zeros_zstd(size):
-    packer = zstandard.ZstdCompressor().compressobj()  # without the size in its header
+def gigabyte_of_zeros(compression):
+    if compression == 'zstd':
+        packer, head = zstandard.ZstdCompressor().compressobj(), b''  # without the size
+    else:
+        packer = lz4.frame.LZ4FrameCompressor()
+        head = packer.begin()
     block = bytes(1 << 20)
-    return b''.join([packer.compress(block) for _ in range(size >> 20)]) + packer.flush()
-
-
-def zeros_lz4(size):
-    packer = lz4.frame.LZ4FrameCompressor()
-    block = bytes(1 << 20)
-    return (
-        packer.begin() + b''.join(packer.compress(block) for _ in range(size >> 20))
-    ) + packer.flush()
+    return head + b''.join(packer.compress(block) for _ in range(1024)) + packer.flush()
 
 
 READ_WITHIN = """
@@ -329,50 +262,38 @@ print(status.split('VmHWM:')[1].split()[0])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('packed', 'declared'), [(zeros_zstd, None), (zeros_zstd, 1000), (zeros_lz4, MAX_RECORD)]
-)
-def test_chunk_of_gigabytes_needs_little_memory(tmp_path, packed, declared):
-    """The declared size of the chunk does not matter."""
-    size = 1 << 30
-    data = packed(size)
-    name = packed.__name__.removeprefix('zeros_')
+@pytest.mark.parametrize(('compression', 'declared'), [('zstd', 1 << 30), ('lz4', 1000)])
+def test_chunk_of_gigabytes_needs_little_memory(tmp_path, compression, declared):
     file = tmp_path / 'bomb.mcap'
-    file.write_bytes(mcap_of(Chunk(name, data, 1, 0, 0, declared or size)))
+    data = gigabyte_of_zeros(compression)
+    file.write_bytes(START_OF_FILE + chunk_of(compression, data, declared))
     command = [sys.executable, '-c', READ_WITHIN, file]
     *lines, most = subprocess.check_output(command, text=True).splitlines()
     assert len(lines) == 3
     for line in lines:
         assert f"log '{file}' is damaged: found a chunk " in line
-    assert int(most) * 1024 < 3 * MAX_RECORD  # with the interpreter and what it imports
+    assert int(most) * 1024 < MAX_RECORD  # with the interpreter and what it imports
 
 
 @pytest.mark.parametrize('compression', ['', 'zstd', 'lz4', 'x' * 10**6])
 def test_chunk_with_wrong_header_is_rejected(tmp_path, compression):
     file = tmp_path / 'odd.mcap'
     for data in (b'x', b'x' * 100):
-        file.write_bytes(mcap_of(Chunk(compression, data, 1, 0, 0, 50)))
+        file.write_bytes(START_OF_FILE + chunk_of(compression, data, 50))
         with pytest.raises(LogError, match='is damaged: found') as caught:
             Recording(file)
         assert len(str(caught.value)) < 700
         assert 'Error' not in str(caught.value)  # no name of a class
 
 
-def record_of(opcode, content, size=None):
-    """A record whose length may be another one than that of its content."""
-    return bytes([opcode]) + struct.pack('<Q', len(content) if size is None else size) + content
-
-
 FORGED = {
     'record': record_of(CHUNK, b'x', 2**60),
     'record in a closed file': record_of(METADATA, b'x', 2**40),
-    'data of a chunk': record_of(CHUNK, struct.pack('<QQQII', 0, 0, 9, 0, 0) + bytes([255] * 7)),
-    'unpacked chunk': record_of(
-        CHUNK, struct.pack('<QQQII', 0, 0, 2**60, 0, 4) + b'zstd' + struct.pack('<Q', 1) + b'x'
-    ),
+    'data of a chunk': chunk_of('', b'', 9, 2**56 - 1),
+    'unpacked chunk': chunk_of('zstd', b'x', 2**60),
     'data of an attachment': record_of(ATTACHMENT, struct.pack('<QQIIQI', 0, 0, 0, 0, 2**60, 0)),
-    'name of a schema': record_of(3, struct.pack('<HI', 1, 2**32 - 1) + b'x'),
-    'metadata of a channel': record_of(4, struct.pack('<HHIII', 1, 0, 0, 0, 2**32 - 1)),
+    'name of a schema': record_of(SCHEMA, struct.pack('<HI', 1, 2**32 - 1) + b'x'),
+    'metadata of a channel': record_of(CHANNEL, struct.pack('<HHIII', 1, 0, 0, 0, 2**32 - 1)),
 }
 
 
@@ -380,7 +301,7 @@ FORGED = {
 @pytest.mark.parametrize('end', [b'', MAGIC])
 def test_forged_size_needs_little_memory(tmp_path, forged, end):
     file = tmp_path / 'forged.mcap'
-    file.write_bytes(MAGIC + record_of(1, struct.pack('<II', 0, 0)) + FORGED[forged] + end)
+    file.write_bytes(START_OF_FILE + FORGED[forged] + end)
     tracemalloc.start()
     try:
         with pytest.raises(LogError, match=r'forged\.mcap'):
@@ -397,10 +318,8 @@ def test_forged_size_needs_little_memory(tmp_path, forged, end):
 @pytest.mark.parametrize(
     'damage',
     [
-        lambda text: '',
         lambda text: text[:300],
         lambda text: text.replace('message_count: 6', 'message_count: 5'),
-        lambda text: '- 1',
         lambda text: 'rosbag2_bagfile_information: null',
         lambda text: 'x' * (2 << 20),
     ],

@@ -71,6 +71,9 @@ def test_first_last_count_and_outcome_of_a_closed_log(log):
             assert found.outcome == LogOutcome(6, whole=True)
         assert list(messages(place, POSES.type)) == [data(k) for k in range(6)]
         assert list(messages(place, NUT.type)) == [data(77)]
+        recording = Recording(place)
+        assert read_messages(recording) == WRITTEN
+        assert read_messages(recording) == WRITTEN  # as often as one likes
 
 
 def test_outcome_that_is_not_readable_is_unknown(log):
@@ -93,27 +96,17 @@ def test_only_requested_chunks_are_read(log):
             found.first(POSES.type)
 
 
-def test_open_log_has_no_index_and_its_flushed_messages(log):
-    with open_log(log.path) as found:
-        assert (found.has_index, found.closed, found.being_written) == (False, False, True)
-        assert found.warning.endswith('is being written: the messages in it so far are used')
-        assert found.outcome is None
-        assert [each.data for each in found.of_types([NUT.type])] == [data(77)]
-        assert found.message_count == 7
-
-
 def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
     installed = writer.load_schema(NUT.type)
     older = dataclasses.replace(installed, type_hash='RIHS01_older')
     monkeypatch.setattr(writer, 'load_schema', lambda _: older)
     with closing(RunLog(tmp_path, 'run')) as log:
         log.write(NUT, data(1), 1)
+    expected = f"by another version of .* {NUT.type} .* 'RIHS01_older'.*{installed.type_hash}"
     with open_log(log.path) as found:
         for read in (lambda: found.last(NUT.type), lambda: list(messages(log.path, NUT.type))):
-            with pytest.raises(LogError, match='by another version of resting_asp') as caught:
+            with pytest.raises(LogError, match=f'{log.path}.*{expected}'):
                 read()
-            for word in (str(log.path), NUT.type, "'RIHS01_older'", repr(installed.type_hash)):
-                assert word in str(caught.value)
     assert Recording(log.path).topics[NUT.name].type_hash == 'RIHS01_older'
 
 
@@ -133,9 +126,8 @@ def test_invalid_logs_are_rejected(tmp_path, name, expected):
     (tmp_path / 'other.mcap').write_text('aspect,count\n1,2\n')
     path = tmp_path / name
     assert is_log(path)  # meant to be one
-    with pytest.raises(LogError) as caught:
+    with pytest.raises(LogError, match=f'^{expected.format(path)}'):
         Recording(path)
-    assert str(caught.value).startswith(expected.format(path))
 
 
 def test_log_without_messages(tmp_path):
@@ -167,33 +159,16 @@ def test_zeros_after_a_power_failure_are_ignored(log):
 # -- playback -------------------------------------------------------------------------------------
 
 
-def test_messages_have_order_times_and_bytes(log):
-    log.close()
-    for place in (log.path, log.path.parent):
-        recording = Recording(place)
-        assert read_messages(recording) == WRITTEN
-        assert read_messages(recording) == WRITTEN  # as often as one likes
-        message = next(recording.messages({NUT.name}))
-        assert (message.topic, message.time, message.data) == (NUT.name, 125, data(77))
-
-
-def test_topics_are_described_as_they_were_recorded(log):
-    topics = Recording(log.path).topics
-    assert list(topics) == [POSES.name, NUT.name]
+def test_topics_have_their_descriptions_spans_and_messages(log):
+    recording = Recording(log.path)
+    assert list(recording.topics) == [POSES.name, NUT.name]
     for topic in (POSES, NUT):
-        found = topics[topic.name]
+        found = recording.topics[topic.name]
         assert (found.type, found.encoding, found.qos) == (topic.type, 'cdr', topic.qos)
         assert found.type_hash.startswith('RIHS01_')
-
-
-def test_span_and_messages_of_selected_topics(log):
-    recording = Recording(log.path)
     assert recording.span(recording.topics) == Span(100, 150, 7)
     assert recording.span([NUT.name]) == Span(125, 125, 1)
     assert read_messages(recording, [NUT.name]) == [(NUT.name, 125, 77)]
-    assert read_messages(recording, [POSES.name]) == [
-        each for each in WRITTEN if each[0] == POSES.name
-    ]
 
 
 def test_first_topics_are_yielded_first_and_once(tmp_path):
@@ -205,60 +180,55 @@ def test_first_topics_are_yielded_first_and_once(tmp_path):
         log.write(NUT, data(4), 130)
         log.write(CUBE, data(5), 140)
     found = read_messages(Recording(log.path), first={NUT.name, CUBE.name})
-    assert found == [
-        (CUBE.name, 100, 1),
-        (NUT.name, 100, 3),
-        (POSES.name, 110, 2),
-        (NUT.name, 130, 4),
-        (CUBE.name, 140, 5),
-    ]
+    assert found[:3] == [(CUBE.name, 100, 1), (NUT.name, 100, 3), (POSES.name, 110, 2)]
+    assert found[3:] == [(NUT.name, 130, 4), (CUBE.name, 140, 5)]
 
 
-def test_open_log_has_the_messages_at_its_opening(tmp_path):
-    log = RunLog(tmp_path, 'run')
-    for k in range(3):
-        log.write(POSES, data(k), k)
-        log.flush()
+def test_open_log_has_the_messages_at_its_opening(log):
+    with open_log(log.path) as found:
+        assert (found.has_index, found.closed, found.being_written) == (False, False, True)
+        assert found.warning.endswith('is being written: the messages in it so far are used')
+        assert found.outcome is None
+        assert [each.data for each in found.of_types([NUT.type])] == [data(77)]
+        assert found.message_count == 7
     recording = Recording(log.path.parent)
-    log.write(NUT, data(9), 3)
+    log.write(NUT, data(9), 200)
     log.flush()
-    assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
-    assert [k for _, _, k in read_messages(Recording(log.path.parent))] == [0, 1, 2, 9]
+    assert read_messages(recording) == WRITTEN
+    assert read_messages(Recording(log.path.parent)) == [*WRITTEN, (NUT.name, 200, 9)]
     log.close()
-    assert [k for _, _, k in read_messages(recording)] == [0, 1, 2]
+    assert read_messages(recording) == WRITTEN
 
 
-def write_foreign(path, channels, messages):
-    """An MCAP file of another writer: (topic, encoding, schema, metadata), and (channel, time)."""
-    with path.open('wb') as file:
-        writer = Writer(file)
-        writer.start()
-        ids = []
-        for topic, encoding, schema, metadata in channels:
-            schema_id = writer.register_schema(schema, 'ros2msg', b'') if schema else 0
-            ids.append(writer.register_channel(topic, encoding, schema_id, metadata))
-        for k, (channel, time) in enumerate(messages):
-            writer.add_message(ids[channel], time, data(k), time)
-        writer.finish()
+@pytest.fixture
+def foreign(tmp_path):
+    """Write a file of another writer: (topic, encoding, schema, metadata), and (channel, time)."""
+
+    def foreign(channels, messages):
+        with (tmp_path / 'a.mcap').open('wb') as file:
+            writer = Writer(file)
+            writer.start()
+            ids = []
+            for topic, encoding, schema, metadata in channels:
+                schema_id = writer.register_schema(schema, 'ros2msg', b'') if schema else 0
+                ids.append(writer.register_channel(topic, encoding, schema_id, metadata))
+            for k, (channel, time) in enumerate(messages):
+                writer.add_message(ids[channel], time, data(k), time)
+            writer.finish()
+        return tmp_path / 'a.mcap'
+
+    return foreign
 
 
-def test_decreasing_times_become_constant(tmp_path):
-    path = tmp_path / 'a.mcap'
-    write_foreign(path, [('/a', 'cdr', POSES.type, {})], [(0, 10), (0, 30), (0, 20), (0, 40)])
-    recording = Recording(path)
-    assert [(time, k) for _, time, k in read_messages(recording)] == [
-        (10, 0),
-        (30, 1),
-        (30, 2),
-        (40, 3),
-    ]
-    assert recording.span(['/a']) == Span(10, 40, 4)
+def test_decreasing_times_become_constant(foreign):
+    path = foreign([('/a', 'cdr', POSES.type, {})], [(0, 10), (0, 30), (0, 20), (0, 40)])
+    times = [(time, k) for _, time, k in read_messages(Recording(path))]
+    assert times == [(10, 0), (30, 1), (30, 2), (40, 3)]
 
 
-def test_logs_of_other_writers_may_lack_qos_and_hash(tmp_path):
-    path = tmp_path / 'a.mcap'
+def test_logs_of_other_writers_may_lack_qos_and_hash(foreign):
     channels = [('/a', 'json', '', {}), ('/b', 'cdr', POSES.type, {'offered_qos_profiles': ''})]
-    write_foreign(path, [*channels, ('/never', 'cdr', NUT.type, {})], [(0, 1), (1, 2)])
+    path = foreign([*channels, ('/never', 'cdr', NUT.type, {})], [(0, 1), (1, 2)])
     topics = Recording(path).topics
     assert list(topics) == ['/a', '/b']  # no message, no topic
     assert (topics['/a'].type, topics['/a'].encoding) == ('', 'json')
@@ -266,42 +236,31 @@ def test_logs_of_other_writers_may_lack_qos_and_hash(tmp_path):
     assert all(topic.qos is topic.type_hash is None for topic in topics.values())
 
 
-def test_topic_with_two_types_is_rejected(tmp_path):
-    path = tmp_path / 'a.mcap'
+def test_topic_with_two_types_is_rejected(foreign):
     channels = [('/a', 'cdr', kind, {'topic_type_hash': 'h'}) for kind in (NUT.type, POSES.type)]
-    write_foreign(path, channels, [(0, 1), (1, 2)])
-    with pytest.raises(LogError) as caught:
-        Recording(path)
-    assert str(caught.value) == (
-        f'invalid log {str(path)!r}: expected one type for topic /a, found {POSES.type} (h) and '
-        f'{NUT.type} (h)'
-    )
+    expected = rf'one type for topic /a, found {POSES.type} \(h\) and {NUT.type} \(h\)$'
+    with pytest.raises(LogError, match=expected):
+        Recording(foreign(channels, [(0, 1), (1, 2)]))
 
 
 @pytest.mark.parametrize(
     ('text', 'expected'),
     [
         ('[{', 'is not valid YAML'),
-        ('- depth: 1', 'expected profiles as rosbag2'),
         ('just words', 'expected profiles as rosbag2'),
         (yaml_text(qos_profiles(Qos(1))).replace(': reliable', ': 1'), 'QoS reliability 1:'),
         (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: x'), "QoS depth 'x'"),
     ],
 )
-def test_invalid_qos_is_reported_with_its_topic(tmp_path, text, expected):
-    path = tmp_path / 'a.mcap'
-    write_foreign(path, [('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
-    with pytest.raises(LogError) as caught:
+def test_invalid_qos_is_reported_with_its_topic(foreign, text, expected):
+    path = foreign([('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
+    with pytest.raises(LogError, match=f'^log {str(path)!r}, topic /a: .*{expected}'):
         Recording(path)
-    message = str(caught.value).replace('/a: invalid QoS', '/a: QoS')
-    assert message.startswith(f'log {str(path)!r}, topic /a: QoS ')
-    assert expected in str(caught.value)
-    assert len(str(caught.value)) < 1000
 
 
 def test_memory_does_not_grow_with_the_log(tmp_path):
-    """200 messages of 100 kB that do not compress; the most is that of a few."""
-    size, count = 100_000, 200
+    """Messages of 100 kB that do not compress; the most is that of a few."""
+    size, count = 100_000, 60
     state = bytearray(random.Random(1).randbytes(size))
     with closing(RunLog(tmp_path, 'run')) as log:
         for k in range(count):

@@ -2,11 +2,10 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 from scipy.stats import binomtest
 from wire import over_the_wire
@@ -22,12 +21,7 @@ from resting_aspects_ros.ros.distribution_conversions import (
     estimate_msg,
     probability_of,
 )
-from resting_aspects_ros.simulation.conditions import (
-    MAX_SEED,
-    QUANTITIES,
-    DropConditions,
-    HeightOf,
-)
+from resting_aspects_ros.simulation.conditions import MAX_SEED, DropConditions, HeightOf
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.model_range import Draws, with_model_range
@@ -50,30 +44,18 @@ CONDITIONS = DropConditions(
     surroundings=surroundings('l_chute', roll=0.7, belt={'speed': 0.2}),
 )
 RUN = RunDescription(
-    run_id='4f1c',
-    part='l_bracket',
-    part_sha256='ab' * 32,
-    conditions=CONDITIONS,
-    seed=MAX_SEED,
-    first_drop=3,
-    drops=2_000_000,
-    precision=0.01,
-    engine='bullet',
-    engine_version='3.2.7',
-    suite_version='0.9.1',
-    time_step=1e-4,
-    started=1_795_233_147_000_000_023,
+    *('4f1c', 'l_bracket', 'ab' * 32, CONDITIONS),
+    *(MAX_SEED, 3, 2_000_000, 0.01),
+    *('bullet', '3.2.7', '0.9.1', 1e-4, 1_795_233_147_000_000_023),
 )
 POSES = Poses(
     first_drop=2**40,
-    position=np.array(
-        [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.0, 0.0, 0.0], [0.7, 0.8, 0.9], [1.0, 1.1, 1.2]]
-    ),
+    position=np.arange(1.0, 16.0).reshape(5, 3) / 10,
     orientation=np.array(
         [
-            [0.1, -0.3, 0.5, 0.8062257748298549],
-            [0, 0, 0, 1.0],
-            [1.0, 0, 0, 0],
+            [0.1, -0.3, 0.5, 0.65**0.5],
+            [0, 0, 0, 1],
+            [1, 0, 0, 0],
             [0, 0, 0.6, 0.8],
             [0, 0.6, 0, 0.8],
         ]
@@ -85,33 +67,15 @@ POSES = Poses(
 )
 
 
-def assert_same_fields(one, other):
-    for field in dataclasses.fields(one):
-        np.testing.assert_array_equal(
-            getattr(one, field.name), getattr(other, field.name), err_msg=field.name
-        )
-
-
-def test_example_values_differ():
-    values = [*CONDITIONS.key(), CONDITIONS.surface]
-    assert len(set(values)) == len(values) == len(QUANTITIES) + 3
-    values = [value for value in dataclasses.asdict(RUN).values() if not isinstance(value, dict)]
-    assert len(set(values)) == len(values)
-
-
-def test_conditions_round_trip():
-    message = over_the_wire(conversions.conditions_msg(CONDITIONS))
-    assert (message.surface, message.height_of, message.height) == ('felt', 1, 0.11)
-    assert conversions.conditions_from(message) == CONDITIONS
-
-
 def test_run_description_round_trip():
     message = over_the_wire(conversions.run_msg(RUN))
     assert (message.started.sec, message.started.nanosec) == (1_795_233_147, 23)
+    sent = message.conditions
+    assert (sent.surface, sent.height_of, sent.height) == ('felt', 1, 0.11)
     assert conversions.run_from(message) == RUN
 
 
-def test_poses_round_trip():
+def test_poses_round_trip(assert_same_poses):
     stamp = conversions.time_msg(17)
     (message,) = conversions.poses_msgs(POSES, RUN, stamp, last=True)
     message = over_the_wire(message)
@@ -120,73 +84,39 @@ def test_poses_round_trip():
     assert message.run == conversions.run_msg(RUN)
     assert message.orientation[2] == 0.5
     assert message.position[1] == 0.2
-    assert_same_fields(conversions.poses_from(message), POSES)
+    assert_same_poses(conversions.poses_from(message), POSES)
 
 
-@pytest.mark.parametrize('name', ['position', 'status'])
-def test_columns_of_different_lengths_are_rejected(name):
-    (message,) = conversions.poses_msgs(POSES, RUN, conversions.time_msg(0), last=True)
-    getattr(message, name).append(0)
-    with pytest.raises(InvalidValueError, match='invalid number of values'):
-        conversions.poses_from(message)
-
-
-@pytest.mark.parametrize('count', [1, conversions.MAX_POSES, 2 * conversions.MAX_POSES + 1])
-def test_many_poses_are_several_messages(count):
+@pytest.mark.parametrize('count', [0, conversions.MAX_POSES, 2 * conversions.MAX_POSES + 1])
+def test_many_poses_are_several_messages(assert_same_poses, count):
     codes, values = np.zeros(count, dtype=np.uint8), np.arange(count, dtype=float)
     orientation = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
     poses = Poses(7, np.zeros((count, 3)), orientation, codes, codes, values, values)
     messages = conversions.poses_msgs(poses, RUN, conversions.time_msg(0), last=True)
-    assert len(messages) == -(-count // conversions.MAX_POSES)
+    assert len(messages) == max(1, -(-count // conversions.MAX_POSES))
     assert [each.last for each in messages] == [False] * (len(messages) - 1) + [True]
     found = Poses.join([conversions.poses_from(over_the_wire(each)) for each in messages])
-    assert_same_fields(found, poses)
-
-
-@given(
-    st.lists(
-        # Settled drops would need valid poses.
-        st.tuples(
-            *[st.floats(allow_nan=False)] * 9,
-            st.sampled_from([RestStatus.UNSETTLED, RestStatus.FAILED, RestStatus.LOST]),
-        ),
-        max_size=4,
-    )
-)
-def test_round_trip_keeps_every_bit_of_poses(rows):
-    table = np.array([row[:9] for row in rows]).reshape(-1, 9)
-    poses = Poses(
-        5,
-        table[:, :3],
-        table[:, 3:7],
-        np.array([row[9] for row in rows], dtype=np.uint8),
-        np.zeros(len(rows), dtype=np.uint8),
-        table[:, 7],
-        table[:, 8],
-    )
-    message = over_the_wire(
-        conversions.poses_msgs(poses, RUN, conversions.time_msg(0), last=False)[0]
-    )
-    assert_same_fields(conversions.poses_from(message), poses)
+    assert_same_poses(found, poses)
 
 
 @pytest.mark.parametrize(
-    ('field', 'index', 'value', 'expected'),
+    ('field', 'change', 'expected'),
     [
-        ('orientation', 0, math.nan, 'invalid orientation [nan, '),
-        ('orientation', 3, 1.01, 'of drop 1099511627776'),
-        ('position', 2, math.inf, 'invalid position'),
-        ('status', 0, 77, 'invalid status 77 of drop 1099511627776'),
-        ('decided_by', 0, 99, 'invalid decided_by 99 of drop 1099511627776'),
+        ('position', lambda found: found.append(0), 'invalid number of values'),
+        ('status', lambda found: found.append(0), 'invalid number of values'),
+        ('orientation', lambda found: found.__setitem__(0, math.nan), 'orientation [nan, '),
+        ('orientation', lambda found: found.__setitem__(3, 1.01), 'of drop 1099511627776'),
+        ('position', lambda found: found.__setitem__(2, math.inf), 'invalid position'),
+        ('status', lambda found: found.__setitem__(0, 77), 'invalid status 77 of drop 10995'),
+        ('decided_by', lambda found: found.__setitem__(0, 99), 'invalid decided_by 99 of drop'),
     ],
 )
-def test_invalid_poses_are_rejected(field, index, value, expected):
+def test_invalid_poses_are_rejected(field, change, expected):
     (message,) = conversions.poses_msgs(POSES, RUN, conversions.time_msg(0), last=True)
     message.status[0] = RestStatus.SETTLED
-    getattr(message, field)[index] = value
-    with pytest.raises(InvalidValueError) as error:
+    change(getattr(message, field))
+    with pytest.raises(InvalidValueError, match=re.escape(expected)):
         conversions.poses_from(message)
-    assert expected in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -230,27 +160,23 @@ def test_description_must_match_its_topic(part, field, value):
 def test_inconsistent_distribution_is_rejected(part, field, value, expected):
     aspects = find_aspects(part('tetrahedron'))
     counts = np.array([1010] + [0] * (len(aspects) - 1))
-    message = distribution_msg(
-        Distribution(aspects, counts, 0, 0, 0), RUN, conversions.time_msg(0), complete=True
-    )
+    counted = Distribution(aspects, counts, 0, 0, 0)
+    message = distribution_msg(counted, RUN, conversions.time_msg(0), complete=True)
     setattr(message, field, value)
-    with pytest.raises(InvalidValueError) as error:
+    with pytest.raises(InvalidValueError, match=re.escape(expected)):
         distribution_from(message)
-    assert expected in str(error.value)
 
 
-@pytest.mark.parametrize('name', ['l_bracket', 'hex_nut'])
-def test_part_round_trip(part, name):
-    original = part(name)
+def test_part_round_trip(part):
+    original = part('l_bracket')
     message = over_the_wire(conversions.part_msg(original))
     assert isinstance(message, PartDescription)
     again = conversions.part_from(message)
     assert again.part_sha256 == original.part_sha256 == message.part_sha256
-    assert again.mesh_sha256 == original.mesh_sha256
-    assert (again.name, again.unit, again.mass) == (name, original.unit, original.mass)
-    np.testing.assert_array_equal(again.centre_of_mass, original.centre_of_mass)
-    np.testing.assert_array_equal(again.inertia, original.inertia)
-    np.testing.assert_array_equal(again.hull_vertices, original.hull_vertices)
+    for name in ('name', 'unit', 'mass', 'mesh_sha256'):
+        assert getattr(again, name) == getattr(original, name)
+    for name in ('centre_of_mass', 'inertia', 'hull_vertices'):
+        np.testing.assert_array_equal(getattr(again, name), getattr(original, name))
     (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = original.inertia.tolist()
     sent = [getattr(message.inertia, name) for name in conversions.INERTIA]
     assert sent == [ixx, ixy, ixz, iyy, iyz, izz]
@@ -281,14 +207,10 @@ def test_distribution_round_trip(part):
     stamp = conversions.time_msg(17)
     message = over_the_wire(distribution_msg(original, RUN, stamp, complete=True))
     assert isinstance(message, AspectDistribution)
-    assert (message.complete, message.header.stamp, message.header.frame_id) == (
-        True,
-        stamp,
-        'tray',
-    )
+    assert (message.header.stamp, message.header.frame_id) == (stamp, 'tray')
+    assert (message.complete, message.drops) == (True, counts.sum() + 15)
     assert (message.method, message.confidence, message.interval) == ('drops', 0.95, 'wilson')
     assert message.run == conversions.run_msg(RUN)
-    assert message.drops == counts.sum() + 15
     intervals = original.intervals()
     assert [(a.probability, a.lower, a.upper) for a in message.aspects] == [
         (i.probability, i.lower, i.upper) for i in intervals
@@ -298,14 +220,11 @@ def test_distribution_round_trip(part):
     assert (again.unclassified, again.unsettled, again.failed) == (1, 2, 3)
     assert (again.lost, again.sliding, again.contacts) == (4, 5, None)
     for one, other in zip(again.aspects, aspects, strict=True):
-        for field in ('id', 'symmetry_class', 'multiplicity', 'rolls', 'sweep', 'neighbour'):
-            assert getattr(one, field) == getattr(other, field)
-        for field in ('com_height', 'basin_share', 'min_barrier'):
-            assert getattr(one, field) == getattr(other, field)
-        for field in ('down_in_part', 'orientation', 'axis'):
-            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
-        # The support polygon is a geometry_msgs/Polygon: float32.
-        np.testing.assert_array_equal(one.support, other.support.astype(np.float32))
+        for field in dataclasses.fields(other):
+            expected = getattr(other, field.name)
+            if field.name == 'support':  # a geometry_msgs/Polygon: float32
+                expected = expected.astype(np.float32)
+            np.testing.assert_array_equal(getattr(one, field.name), expected)
 
 
 def test_probability_of_several_aspects(part):

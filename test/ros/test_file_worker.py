@@ -28,6 +28,35 @@ MEGABYTE = 1024**2
 CALL = FileWorker._call
 ATTEMPTS = 2
 
+FUNCTIONS = """
+import os, signal, subprocess, sys, time
+
+def note(pids):
+    with open(pids, 'a') as file:
+        print(os.getpid(), file=file)
+
+def wait_if_first(pids):
+    note(pids)
+    if len(open(pids).readlines()) == 1:
+        signal.pause()
+    return 'answer'
+
+def die(pids):
+    note(pids)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def compute_on_a_busy_processor(seconds):
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(4)]
+    wall, end = time.monotonic(), time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+    for process in busy:
+        process.kill()
+        process.wait()
+    return time.monotonic() - wall
+"""
+
 
 @pytest.fixture(autouse=True)
 def own_process(monkeypatch):
@@ -99,34 +128,6 @@ def functions(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     yield importlib.import_module('run_by_worker')
     del sys.modules['run_by_worker']
-
-
-FUNCTIONS = """
-import os, signal, subprocess, sys, time
-
-def wait_if_first(pids):
-    with open(pids, 'a') as file:
-        print(os.getpid(), file=file)
-    if len(open(pids).readlines()) == 1:
-        signal.pause()
-    return 'answer'
-
-def die(pids):
-    with open(pids, 'a') as file:
-        print(os.getpid(), file=file)
-    os.kill(os.getpid(), signal.SIGKILL)
-
-def compute_on_a_busy_processor(seconds):
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    busy = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(4)]
-    wall, end = time.monotonic(), time.process_time() + seconds
-    while time.process_time() < end:
-        pass
-    for process in busy:
-        process.kill()
-        process.wait()
-    return time.monotonic() - wall
-"""
 
 
 @pytest.mark.slow
@@ -212,27 +213,24 @@ def test_node_is_not_blocked_while_a_file_is_read(make_worker, node, tmp_path):
 
 
 ORPHAN = """
-import sys, rclpy, time
-from pathlib import Path
+import sys, rclpy
 from rclpy.executors import SingleThreadedExecutor
 from resting_aspects_ros.ros.file_worker import FileWorker
 sys.path.insert(0, sys.argv[1])
-import hanging
+from run_by_worker import wait_if_first
 rclpy.init()
 node = rclpy.create_node('parent')
 executor = SingleThreadedExecutor()
 executor.add_node(node)
-executor.create_task(FileWorker(node).run, hanging.hang, Path(sys.argv[2]))
+executor.create_task(FileWorker(node).run, wait_if_first, sys.argv[2])
 executor.spin()
 """
 
 
 @pytest.mark.slow
-def test_process_ends_when_the_node_is_killed(tmp_path, wait):
-    hanging = 'import os, time\ndef hang(p):\n p.write_text(str(os.getpid()))\n time.sleep(3600)'
-    (tmp_path / 'hanging.py').write_text(hanging)
+def test_process_ends_when_the_node_is_killed(functions, tmp_path, wait):
     pid = tmp_path / 'pid'
     with subprocess.Popen([sys.executable, '-c', ORPHAN, tmp_path, pid]) as parent:
-        wait(lambda: pid.exists() and pid.read_text(), 'hanging process')
+        wait(lambda: pid.exists() and pid.read_text().endswith('\n'), 'hanging process')
         parent.kill()
-    wait(lambda: not Path(f'/proc/{pid.read_text()}').exists(), 'its end')
+    wait(lambda: not Path(f'/proc/{pid.read_text().strip()}').exists(), 'its end')

@@ -51,28 +51,12 @@ def test_message_contains_all_fields_of_the_document(name, part):
             of = zip(found.family_holes, found.family_hole_of, strict=True)
             holes = [hole for hole, outline in of if outline == k]
             check_rings(SimpleNamespace(outer=found.family[k], holes=holes), other)
-        verdicts = {
-            Outline.SAME: 'same',
-            Outline.MIRRORED: 'mirrored',
-            Outline.DISTINCT: 'distinct',
-        }
-        columns = zip(
-            *(found.other_class, found.other_overlap),
-            *(found.other_verdict, found.other_resolution),
-            strict=True,
-        )
-        look_alike = [
-            {
-                'symmetry_class': number,
-                'overlap': overlap,
-                'verdict': verdicts[verdict],
-                'resolution': resolution,
-            }
-            for number, overlap, verdict, resolution in columns
-        ]
-        assert look_alike == expected.pop('look_alike')
-        mirrored = [c['symmetry_class'] for c in look_alike if c['verdict'] == 'mirrored']
-        assert mirrored == expected.pop('mirrored')
+        for k, other in enumerate(expected.pop('look_alike')):
+            assert found.other_class[k] == other['symmetry_class']
+            assert found.other_overlap[k] == other['overlap']
+            assert found.other_verdict[k] == getattr(Outline, other['verdict'].upper())
+            assert found.other_resolution[k] == other['resolution']
+        expected.pop('mirrored')  # those with the verdict
         assert {name: getattr(found, name) for name in expected} == expected
 
 
@@ -96,21 +80,14 @@ def test_polygon_with_a_hole_is_sent_unchanged():
 
 def test_candidates_contain_all_poses(part):
     known = known_part(part('box_10x20x30'))
+    numbers = 'x y yaw overlap distance residual prior posterior symmetry_class'
     for candidate in identify_part(known.outlines[0].polygon, known).candidates:
         found = over_the_wire(candidate_msg(candidate))
-        for name in ('part', 'x', 'y', 'yaw', 'overlap', 'distance', 'residual', 'prior'):
+        for name in ('part', *numbers.split()):
             assert getattr(found, name) == getattr(candidate, name)
-        assert (found.symmetry_class, found.posterior) == (
-            candidate.symmetry_class,
-            candidate.posterior,
-        )
         assert tuple(found.aspects) == candidate.aspects
+        assert list(found.pose_aspects) == [each.aspect for each in candidate.poses]
         assert set(found.pose_aspects) == set(candidate.aspects)
-        check_poses(found, candidate.poses)
-
-
-def check_poses(message, poses):
-    assert list(message.pose_aspects) == [each.aspect for each in poses]
-    for found, pose in zip(message.poses, poses, strict=True):
-        assert [getattr(found.position, axis) for axis in 'xyz'] == pose.position.tolist()
-        assert [getattr(found.orientation, a) for a in 'xyzw'] == pose.orientation.tolist()
+        for sent, pose in zip(found.poses, candidate.poses, strict=True):
+            assert [getattr(sent.position, axis) for axis in 'xyz'] == pose.position.tolist()
+            assert [getattr(sent.orientation, a) for a in 'xyzw'] == pose.orientation.tolist()

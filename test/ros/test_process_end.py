@@ -14,15 +14,14 @@ with at_most(1, 3):
     pass
 sleep(2)
 print('goes on', flush=True)
-with at_most(1, {code}):
+with at_most(1, 2):
     sleep(600)
 print('sleeps no longer')
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('code', [0, 2])
-def test_process_ends_while_native_code_waits(code):
-    command = [sys.executable, '-c', PROGRAM.format(code=code)]
+def test_process_ends_while_native_code_waits():
+    command = [sys.executable, '-c', PROGRAM]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
-    assert (done.stdout, done.stderr, done.returncode) == ('goes on\n', '', code)
+    assert (done.stdout, done.stderr, done.returncode) == ('goes on\n', '', 2)

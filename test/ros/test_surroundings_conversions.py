@@ -38,6 +38,11 @@ def run_in(found, surfaces):
     )
 
 
+def described(found, surfaces, *frame):
+    run = run_in(found, surfaces)
+    return description_msg(run, found.scene(run.conditions, RADIUS), *frame)
+
+
 @pytest.fixture
 def ramp(tmp_path):
     """Surroundings of a mesh: a square in the plane z = x / 2, in mm."""
@@ -50,9 +55,7 @@ def ramp(tmp_path):
 
 def test_planes_are_sent_in_the_tray_frame(surfaces):
     found = ra.surroundings('l_chute', roll='30deg', belt={'speed': 0.2})
-    run = run_in(found, surfaces)
-    scene = found.scene(run.conditions, RADIUS)
-    message = over_the_wire(description_msg(run, scene, 'cell'))
+    message = over_the_wire(described(found, surfaces, 'cell'))
     assert (message.part, message.run_id) == ('l_bracket', 'id1')
     assert message.header.frame_id == 'cell'
     sent = message.surroundings
@@ -64,7 +67,7 @@ def test_planes_are_sent_in_the_tray_frame(surfaces):
     belt, wall = message.bodies
     assert (belt.name, wall.name) == ('belt', 'wall')
     assert (belt.friction, wall.friction) == (0.4, 0.2)
-    assert belt.restitution == run.conditions.restitution
+    assert belt.restitution == surfaces.get().restitution
     # The chute is rolled about x by 30 degrees: belt and wall stay perpendicular.
     one, other = np.array(belt.plane[0].coef), np.array(wall.plane[0].coef)
     assert one[2] == pytest.approx(np.cos(np.radians(30)))
@@ -91,32 +94,24 @@ def test_a_block_is_sent_as_a_closed_mesh_that_points_outward(surfaces):
 
 
 def test_a_mesh_travels_in_the_message(ramp, surfaces):
-    run = run_in(ramp, surfaces)
-    scene = ramp.scene(run.conditions, RADIUS)
-    message = over_the_wire(description_msg(run, scene))
+    message = over_the_wire(described(ramp, surfaces))
     assert message.surroundings.mesh == 'ramp.obj'
     points = np.array([[p.x, p.y, p.z] for p in message.bodies[0].mesh[0].vertices])
     np.testing.assert_allclose(points[:, 2], points[:, 0] / 2 + 0.01, atol=1e-12)
-    received = conversions.conditions_from(conversions.conditions_msg(run.conditions))
-    assert received == run.conditions
+    sent = run_in(ramp, surfaces).conditions
+    received = conversions.conditions_from(conversions.conditions_msg(sent))
+    assert received == sent
     assert not received.surroundings.known  # without the mesh
     again = serialized_surroundings(serialize_message(message))
     assert (again.key, again.name) == (ramp.key, 'ramp')
     np.testing.assert_array_equal(again.shape.vertices, ramp.shape.vertices)
-
-
-def test_a_changed_mesh_is_rejected(ramp, surfaces):
-    run = run_in(ramp, surfaces)
-    message = description_msg(run, ramp.scene(run.conditions, RADIUS))
     message.mesh = bytes(message.mesh).replace(b'-100', b'-200')
     with pytest.raises(InvalidValueError, match='expected the hash'):
         serialized_surroundings(serialize_message(message))
 
 
 def test_surroundings_of_another_part_are_rejected(surfaces):
-    found = ra.surroundings('slope')
-    run = run_in(found, surfaces)
-    message = description_msg(run, found.scene(run.conditions, RADIUS))
+    message = described(ra.surroundings('slope'), surfaces)
     check_surroundings(message, 'l_bracket')
     with pytest.raises(InvalidValueError, match="invalid surroundings of part 'hex_nut'"):
         check_surroundings(message, 'hex_nut')
@@ -126,14 +121,11 @@ def test_surroundings_of_another_part_are_rejected(surfaces):
     ('fields', 'expected'),
     [
         ({'kind': 'chute', 'names': ['roll'], 'values': [9.0]}, 'invalid roll'),
-        ({'kind': 'chute', 'names': ['roll'], 'values': [float('nan')]}, 'invalid roll'),
         ({'kind': 'chute', 'names': ['rol'], 'values': [0.1]}, "'rol'"),
         ({'kind': 'chute', 'names': ['belt.sped'], 'values': [0.1]}, "'sped'"),
-        ({'kind': 'chute', 'names': ['roof.speed'], 'values': [0.1]}, "'roof'"),
         ({'kind': 'chute', 'names': ['release'], 'values': [0.1]}, 'invalid release'),
         ({'kind': 'chute', 'names': ['kind'], 'values': [0.1]}, 'invalid name kind'),
         ({'kind': 'chute', 'names': ['roll'] * 2, 'values': [0.1, 0.2]}, 'expected 2 different'),
-        ({'kind': 'chute', 'names': ['roll']}, 'expected 0 different'),
         ({'kind': 'chute', 'orientation': [Quaternion(w=2.0)]}, 'expected a unit quaternion'),
         ({'kind': 'chute', 'mesh': '/etc/passwd'}, "'mesh'"),
         ({'names': ['roll'], 'values': [0.1]}, "invalid kind of surroundings ''"),
@@ -158,21 +150,13 @@ def test_all_surroundings_survive_a_message(name):
     )
 
 
-def test_release_and_orientation_survive_a_message():
+def test_release_name_and_orientation_survive_a_message():
     values = {'bodies': {'wall': {'friction': 0.3}}, 'release': {'y_min': -0.01, 'y_max': 0.02}}
-    turned = (0.6, 0.0, 0.0, 0.8)
-    found = make_surroundings({'kind': 'wall', **values, 'orientation': turned}, 'mine')
-    again = surroundings_of(over_the_wire(surroundings_msg(found)))
-    assert again == found
-    assert again.name == 'mine'
-    assert again.orientation == turned
-
-
-def test_copies_of_an_orientation_are_equal():
-    for given in np.random.default_rng(1).standard_normal((300, 4)):
+    for given in np.random.default_rng(1).standard_normal((100, 4)):
         turned = given / np.linalg.norm(given)
-        found = make_surroundings({'kind': 'wall', 'orientation': turned})
-        assert surroundings_of(surroundings_msg(found)) == found
+        found = make_surroundings({'kind': 'wall', **values, 'orientation': turned}, 'mine')
+        again = surroundings_of(over_the_wire(surroundings_msg(found)))
+        assert (again, again.name) == (found, 'mine')
 
 
 def test_a_name_is_shown_in_one_line():
@@ -214,27 +198,22 @@ def test_contacts_round_trip(with_contacts, surfaces):
     message = over_the_wire(
         distribution_msg(with_contacts, run, conversions.time_msg(0), complete=True)
     )
-    assert [list(each.contacts) for each in message.contacts] == [
-        [1, 2],
-        [2, 0],
-        [-1, -2],
-        [-3, 1],
-    ]
+    sent = [list(each.contacts) for each in message.contacts]
+    assert sent == [[1, 2], [2, 0], [-1, -2], [-3, 1]]
     assert message.contacts[0].planes == ['belt', 'wall']
     assert message.contacts[0].probability == 5 / 20
     assert message.contacts[0].lower < 5 / 20 < message.contacts[0].upper
     again = distribution_from(message).contacts
     assert (again.planes, again.drops, again.uncounted) == (('belt', 'wall'), 20, 1)
     for one, other in zip(again.placements, with_contacts.contacts.placements, strict=True):
-        assert (one.contacts, one.count) == (other.contacts, other.count)
-        assert one.symmetry_class == other.symmetry_class
-        np.testing.assert_array_equal(one.orientation, other.orientation)
+        for field in dataclasses.fields(other):
+            one_value, other_value = getattr(one, field.name), getattr(other, field.name)
+            np.testing.assert_array_equal(one_value, other_value)
 
 
 @pytest.mark.parametrize(
     ('change', 'expected'),
     [
-        (lambda each: each.contacts.append(1), 'expected a code from -3 to'),
         (lambda each: setattr(each, 'contacts', [99, 0]), 'expected a code from -3 to'),
         (lambda each: setattr(each, 'planes', ['belt']), 'expected a code from -3 to'),
         (lambda each: setattr(each, 'count', 7), 'expected 13 drops at rest; they have 15'),
@@ -249,7 +228,7 @@ def test_inconsistent_contacts_are_rejected(with_contacts, surfaces, change, exp
         distribution_from(message)
 
 
-def test_drops_on_an_unknown_mesh_are_counted_like_those_on_a_plane(ramp, part, surfaces):
+def test_drops_on_an_unknown_mesh_are_counted_as_on_a_plane(ramp, part, surfaces):
     given = find_aspects(part('l_bracket'))
     message = conversions.conditions_msg(run_in(ramp, surfaces).conditions)
     conditions = conversions.conditions_from(message)

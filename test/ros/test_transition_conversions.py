@@ -1,12 +1,12 @@
 """Round trips between actions, transition matrices and ROS messages, through real CDR."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import FeederAction
-from resting_aspects_interfaces.msg import TransitionMatrix as TransitionMatrixMsg
 from wire import over_the_wire
 
 from resting_aspects_ros.api.conditions import shipped_actions
@@ -54,22 +54,15 @@ def message(result):
     return over_the_wire(transitions_msg(made, time_msg(17), ended=False, frame='cell'))
 
 
-@pytest.mark.parametrize('name', [*shipped_actions().names(), ACTION.name])
-def test_action_round_trip(name):
-    action = ACTION if name == ACTION.name else shipped_actions().get(name)
-    message = over_the_wire(action_msg(action))
-    assert message.name == name
-    assert len(message.names) == len(message.units) == len(message.values)
-    again = action_from(message)
-    assert again.values == action.values
-
-
-def test_values_of_an_action_have_units():
-    message = action_msg(ACTION)
+def test_action_round_trip():
+    shipped = shipped_actions()
+    for action in (*map(shipped.get, shipped.names()), ACTION):
+        message = over_the_wire(action_msg(action))
+        assert message.name == action.name
+        assert action_from(message).values == action.values
     rows = list(zip(message.names, message.values, message.units, strict=True))
     assert rows[0] == ('time', 0.7, 's')
-    assert ('speed', 0.31, 'm/s') in rows
-    assert ('spin', 11.0, 'rad/s') in rows
+    assert {('speed', 0.31, 'm/s'), ('spin', 11.0, 'rad/s')} <= set(rows)
 
 
 @pytest.mark.parametrize(
@@ -78,19 +71,15 @@ def test_values_of_an_action_have_units():
         ({'kind': 'no_kind'}, "invalid kind of action 'no_kind': expected one of kick, "),
         ({'name': 'a b'}, "invalid name 'a b' of an action"),
         ({'values': [1.0]}, 'expected a different one for each of 1 values'),
-        ({'names': ['spin', 'spin']}, 'expected a different one for each of 2 values'),
         ({'names': ['spin', 'mass']}, "invalid value 'mass' of a kick: expected "),
         ({'values': [1.0, math.nan]}, 'invalid spin nan: expected 0 to '),
-        ({'names': ['spin', 'time']}, 'invalid time 1000000.0: expected more than 0 '),
+        ({'names': ['spin', 'time'], 'values': [1, 1e6]}, 'invalid time 1000000.0: expected more'),
     ],
 )
 def test_invalid_action_is_rejected(changes, expected):
-    fields = {'kind': 'kick', 'names': ['speed', 'spin'], 'values': [0.5, 1e6]} | changes
-    if 'names' in changes and 'time' not in changes['names']:
-        fields['values'] = [0.5, 1.0]
-    with pytest.raises(InvalidValueError) as error:
+    fields = {'kind': 'kick', 'names': ['speed', 'spin'], 'values': [0.5, 1.0]} | changes
+    with pytest.raises(InvalidValueError, match=expected):
         action_from(FeederAction(**fields))
-    assert expected in str(error.value)
 
 
 def test_matrix_round_trip(message, result, part):
@@ -101,13 +90,10 @@ def test_matrix_round_trip(message, result, part):
     assert action_from(message.action) == ACTION
     assert (message.confidence, message.interval) == (0.9, 'wilson')
     assert list(message.actions) == made.matrix.actions.tolist()
-    lower, upper = made.matrix.bounds()
-    for name, expected in (
-        ('probability', made.matrix.probability),
-        ('lower', lower),
-        ('upper', upper),
-    ):
-        np.testing.assert_array_equal(np.reshape(getattr(message, name), (4, 8)), expected)
+    sent = [
+        np.reshape(each, (4, 8)) for each in (message.probability, message.lower, message.upper)
+    ]
+    np.testing.assert_array_equal(sent, [made.matrix.probability, *made.matrix.bounds()])
     again = transition_matrix_from(message)
     np.testing.assert_array_equal(again.counts, made.matrix.counts)
     assert (again.interval, again.confidence) == ('wilson', 0.9)
@@ -115,13 +101,10 @@ def test_matrix_round_trip(message, result, part):
     np.testing.assert_array_equal(again.by_class().counts, made.matrix.by_class().counts)
     assert [aspect.id for aspect in again.aspects] == [1, 2, 3, 4]
     assert again.aspects.part_sha256 == part('tetrahedron').part_sha256
-
-
-def test_aspects_have_the_counts_of_the_drops(message, result):
-    drop = result(np.zeros((4, 8), dtype=int)).drop
-    assert message.drops == drop.drops == 32
+    # The aspects have the counts of the drops.
+    assert message.drops == made.drop.drops == 32
     assert [aspect.count for aspect in message.aspects] == [5, 6, 7, 8]
-    assert [aspect.upper for aspect in message.aspects] == [i.upper for i in drop.intervals()]
+    assert [aspect.upper for aspect in message.aspects] == [i.upper for i in made.drop.intervals()]
 
 
 def test_row_without_actions_has_no_probability(result):
@@ -135,11 +118,9 @@ def test_row_without_actions_has_no_probability(result):
     assert transition_matrix_from(message).actions.tolist() == [0, 3, 0, 0]
 
 
-def test_constants_are_the_columns_after_the_aspects():
-    kind = TransitionMatrixMsg
-    codes = (kind.UNCLASSIFIED, kind.UNSETTLED, kind.FAILED, kind.LOST)
-    assert codes == tuple(range(kind.OUTCOMES))
-    assert OUTCOMES == ('unclassified', 'unsettled', 'failed', 'lost')
+def test_constants_are_the_columns_after_the_aspects(message):
+    codes = [getattr(message, name.upper()) for name in OUTCOMES]
+    assert codes == list(range(message.OUTCOMES))
 
 
 def test_long_run_describes_each_closed_class(result):
@@ -155,16 +136,14 @@ def test_long_run_describes_each_closed_class(result):
     np.testing.assert_allclose(message.closed_class_share, [0.5, 0.5, 1, 0])
     np.testing.assert_allclose(message.closed_class_weight, [0.75, 0.25])
     assert list(message.unreachable) == []
-    lower, upper = made.long_run_bounds
-    assert list(message.long_run_lower) == lower.tolist()
-    assert list(message.long_run_upper) == upper.tolist()
+    sent = (message.long_run_lower, message.long_run_upper)
+    np.testing.assert_array_equal(sent, made.long_run_bounds)
 
 
 @pytest.mark.parametrize(
     ('field', 'value', 'expected'),
     [
         ('counts', [1] * 31, 'invalid transition matrix of run '),
-        ('counts', [2**63] * 32, 'invalid transition matrix of run '),
         ('actions', [1, 2, 3, 4], 'invalid transition matrix of run '),
         ('aspects', [], 'expected a row for each aspect'),
         ('interval', '', "invalid interval '': expected"),
@@ -179,9 +158,8 @@ def test_inconsistent_matrix_is_rejected(message, field, value, expected):
     *path, name = field.split('.')
     setattr(getattr(changed, path[0]) if path else changed, name, value)
     check_transitions(message, 'tetrahedron')
-    with pytest.raises(InvalidValueError) as error:
+    with pytest.raises(InvalidValueError, match=re.escape(expected)):
         check_transitions(changed, 'tetrahedron')
-    assert expected in str(error.value)
 
 
 def test_matrix_of_another_numbering_is_rejected(message):

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 
 from rich.progress import track
-from validation.document import table
+from validation.document import paragraphs, table
 from validation.dropper import ROOT
 
 from bench.case import EXAMPLE
@@ -49,16 +49,14 @@ def command() -> Iterator[str]:
             runs = [_run(program, arguments) for _ in range(repeats)]
             seconds, memory = statistics.median(run[0] for run in runs), runs[-1][1]
             rows.append([name, f'{seconds:.2f}', aim, f'{memory:.0f}' if memory else ''])
-    yield '## Run time of the command'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Run time of the command',
         f'`resting_aspects drop {EXAMPLE} --drops N`, a study over restitution and friction with '
         'its page, and the import of the package, each from the start of the process to its end, '
         f'with a kernel that was compiled before. The time is the median of {REPEATS} runs, for '
         'the long commands of one. Memory is the peak of the resident memory (VmHWM); that of '
-        'the drops must not grow with their number.'
+        'the drops must not grow with their number.',
     )
-    yield ''
     yield from table(['', 'seconds', 'aim', 'peak memory (MiB)'], rows, numbers=True)
 
 

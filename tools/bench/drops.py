@@ -9,19 +9,15 @@ from importlib.util import find_spec
 
 from numba import cuda
 from rich.progress import track
-from validation.document import table
+from validation.document import paragraphs, table
 from validation.dropper import Dropper
 from validation.mujoco_drops import mujoco_loop
 
-from bench.case import EXAMPLE, example_part, job_of
+from bench.case import EXAMPLE, job_of
 from bench.plain import plain_loop
 from resting_aspects_ros.simulation.conditions import BULLET, CUDA, KERNEL
 from resting_aspects_ros.simulation.job import DropJob
-from resting_aspects_ros.simulation.workers import (
-    LocalWorkers,
-    Workers,
-    submit_drops,
-)
+from resting_aspects_ros.simulation.workers import LocalWorkers, Workers, submit_drops
 from resting_aspects_ros.system import available_cores
 
 # All cases take turns in each round, so that other load on the machine affects all of them.
@@ -67,17 +63,11 @@ def suite(workers: Workers, job: DropJob, first: int, drops: int) -> None:
 def drops(dropper: Dropper) -> Iterator[str]:
     """Time drops with all workers and with one thread, and in other programs."""
     many, one, count = dropper.workers, LocalWorkers(1), available_cores()
-    part = example_part()
-    plain, bullet = job_of(part), job_of(part, engine=BULLET)
-    cases = [
-        Timed(
-            f'{name}, {surface}',
-            partial(suite, many, job_of(example_part(name), surface)),
-            PER_TURN[KERNEL],
-            aim,
-        )
-        for name, surface, aim in CASES
-    ]
+    plain, bullet = job_of(), job_of(engine=BULLET)
+    cases = []
+    for name, surface, aim in CASES:
+        work = partial(suite, many, job_of(name, surface))
+        cases.append(Timed(f'{name}, {surface}', work, PER_TURN[KERNEL], aim))
     ways = [
         Timed('suite, 1 thread', partial(suite, one, plain), PER_TURN[KERNEL]),
         Timed(
@@ -93,7 +83,7 @@ def drops(dropper: Dropper) -> Iterator[str]:
             for k in (1, 2)
         ]
     if cuda.is_available():
-        on_gpu = partial(suite, many, job_of(part, engine=CUDA))
+        on_gpu = partial(suite, many, job_of(engine=CUDA))
         ways.append(Timed('suite on a GPU', on_gpu, PER_TURN[CUDA]))
     for each in ways:
         each.title = f'{EXAMPLE}, rubber_mat: {each.title}'
@@ -106,9 +96,8 @@ def drops(dropper: Dropper) -> Iterator[str]:
             each.turn(k)
     finally:
         one.stop()
-    yield '## Drops per second'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Drops per second',
         'From the first request to the last pose, with the compiled kernel in '
         f'{count} threads, unless another engine or number of threads is named: the median of '
         f'{ROUNDS} rounds, in each of which all cases take turns. *Lowest*, *highest*: rates of '
@@ -116,9 +105,8 @@ def drops(dropper: Dropper) -> Iterator[str]:
         'one world, stepped from Python with the contacts and the time step of the suite in '
         'Bullet; the pose is read after each step. *MuJoCo*: all bodies in the threads of '
         '`mujoco.rollout`, with the same time step. Both simulate each drop from the full height '
-        'until it is still.'
+        'until it is still.',
     )
-    yield ''
     yield from table(
         ['part, surface', 'drops/s', 'lowest', 'highest', 'aim'],
         (

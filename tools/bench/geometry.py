@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import trimesh
 from rich.progress import track
-from validation.document import table
+from validation.document import paragraphs, table
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES, cluster_directions
@@ -29,10 +29,9 @@ DIVISIONS = 8  # subdivisions of a box that is projected to an ellipsoid: 786,43
 
 def geometry() -> Iterator[str]:
     """Time the geometry."""
-    yield '## Geometry'
-    yield ''
-    yield f'Times are the best of {REPEATS} runs, of a scan those of one.'
-    yield ''
+    yield from paragraphs(
+        '## Geometry', f'Times are the best of {REPEATS} runs, of a scan those of one.'
+    )
     works = track(list(_works()), 'geometry', transient=True)
     rows = [(title, best(work)) for title, work in works]
     scan = _scan()

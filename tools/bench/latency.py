@@ -22,7 +22,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_interfaces.srv import GetDistribution
 from rich.progress import track
 from std_srvs.srv import Trigger
-from validation.document import table
+from validation.document import paragraphs, table
 
 from bench.case import EXAMPLE
 
@@ -63,7 +63,10 @@ def latency() -> Iterator[str]:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         suite = ['-m', 'resting_aspects_ros.cli', 'nodes', *ros, '-p', f'log_folder:={folder}']
         stack.enter_context(_process(suite))
-        client = stack.enter_context(_client(ros))
+        rclpy.init(args=ros)
+        stack.callback(rclpy.try_shutdown)
+        client = _Client()
+        stack.callback(client.destroy)
         known = Path(folder) / 'known'
         known.write_bytes(serialize_message(client.meet()))
         stack.enter_context(_process(['-c', PLAIN, str(known), *ros]))
@@ -76,17 +79,15 @@ def latency() -> Iterator[str]:
                 ratios = found[name] / found['the same response']
                 cells = [f'{median:.3f}', f'{ratios[0]:.2f}', f'{p99:.3f}', f'{ratios[1]:.2f}']
                 rows.append([load, name, *cells])
-    yield '## Latency'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Latency',
         f'{CALLS} calls of `get_distribution` for {DROPS} known drops of {EXAMPLE}, alternating '
         'with the same number of calls of a plain `std_srvs/Trigger` service and of a service '
         'that only sends the same response. One process calls services in two other processes. '
         'Ratios are relative to the service that only sends the response. *During a run*: while '
         'a run with another seed uses all cores. Aim: ratios of at most 1.5. '
-        f'{client.lost} calls had no response within {TIMEOUT:g} s and were repeated.'
+        f'{client.lost} calls had no response within {TIMEOUT:g} s and were repeated.',
     )
-    yield ''
     columns = ['', 'service', 'median (ms)', 'ratio', 'p99 (ms)', 'ratio']
     yield from table(columns, rows, numbers=True)
 
@@ -153,12 +154,9 @@ class _Client:
             answer = self._call(client, request)
             if answer is not None:
                 return answer, 1e3 * (time.perf_counter() - started)
-            self._count_lost()
-
-    def _count_lost(self) -> None:
-        self.lost += 1
-        if self.lost > MAX_LOST:
-            raise SystemExit(f'{self.lost} calls had no response within {TIMEOUT:g} s')
+            self.lost += 1
+            if self.lost > MAX_LOST:
+                raise SystemExit(f'{self.lost} calls had no response within {TIMEOUT:g} s')
 
     def _call(self, client: Any, request: Any, timeout: float = TIMEOUT) -> Any:
         """Return the response, or None after the timeout, s."""
@@ -188,17 +186,6 @@ class _Client:
 
 def _request() -> GetDistribution.Request:
     return GetDistribution.Request(part=EXAMPLE, drops=DROPS, seed=[1])
-
-
-@contextmanager
-def _client(ros: list[str]) -> Iterator[_Client]:
-    rclpy.init(args=ros)
-    client = _Client()
-    try:
-        yield client
-    finally:
-        client.destroy()
-        rclpy.try_shutdown()
 
 
 @contextmanager

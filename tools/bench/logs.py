@@ -9,6 +9,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from validation.document import paragraphs
+
 from bench.case import EXAMPLE
 
 LOGS = 200
@@ -28,8 +30,7 @@ def logs() -> Iterator[str]:
         for k in range(LOGS):
             shutil.copytree(log, copies / f'{EXAMPLE}_20200101T{k:06}Z_{k}')
         seconds = _seconds_to_read(copies)
-    yield '## Logs of earlier runs'
-    yield ''
+    yield from paragraphs('## Logs of earlier runs')
     yield (
         f'A classifier reads {LOGS} logs at its start, each a copy of the log of `make demo`, in '
         f'{seconds:.1f} s, as it reports. Aim: at most 5 s.'

@@ -4,21 +4,24 @@ Scale, mass, inertia, friction, contacts and time step are those of the suite in
 is reused for all drops, because creating one takes longer than a drop.
 """
 
-import time
 from operator import mul
 
 import numpy as np
-from validation.trial import Trial, contacts_of, ended, released
+from validation.trial import down_at_rest, released
 
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.simulation import bullet_world
-from resting_aspects_ros.simulation.bullet_world import RESIDUAL, empty_client, pybullet
+from resting_aspects_ros.simulation.bullet_world import empty_client, pybullet
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.release import TIME_LIMIT
 from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW
 
 
-def plain_loop(job: DropJob, first: int, drops: int) -> Trial:
-    """Simulate drops until no coordinate changes by more than REST_MOTION in REST_WINDOW."""
+def plain_loop(job: DropJob, first: int, drops: int) -> Array:
+    """Simulate drops until no coordinate changes by more than REST_MOTION in REST_WINDOW.
+
+    Returns down in part of those that came to rest.
+    """
     client = empty_client()
     body = _body(job, client)
     states = released(job, first, drops)
@@ -31,7 +34,6 @@ def plain_loop(job: DropJob, first: int, drops: int) -> Trial:
     )
     window, most = (round(span * job.steps_per_t) for span in (REST_WINDOW, TIME_LIMIT))
     ends: list[list[float]] = []
-    started = time.perf_counter()
     for position, orientation, velocity, spin in rows:
         pybullet.resetBasePositionAndOrientation(
             body, position, orientation, physicsClientId=client
@@ -49,40 +51,33 @@ def plain_loop(job: DropJob, first: int, drops: int) -> Trial:
             elif k - since >= window:
                 ends.append(now)
                 break
-    seconds = time.perf_counter() - started
-    return ended(job, seconds, drops, np.array(ends).reshape(-1, 7)[:, 3:])
+    return down_at_rest(job, np.array(ends).reshape(-1, 7)[:, 3:])
 
 
 def _body(job: DropJob, client: int) -> int:
-    """Return the body of the part, in a world with the planes of the job."""
+    """Return the body of the part, in a world with the plane."""
     step = 1 / job.steps_per_t
     pybullet.setGravity(*job.scene.down.tolist(), physicsClientId=client)
     pybullet.setPhysicsEngineParameter(
         fixedTimeStep=step,
         numSubSteps=0,
         numSolverIterations=bullet_world.MAX_SOLVER_ITERATIONS,
-        solverResidualThreshold=bullet_world.SOLVER_RESIDUAL if job.scene.level else RESIDUAL,
+        solverResidualThreshold=bullet_world.SOLVER_RESIDUAL,
         restitutionVelocityThreshold=bullet_world.RESTITUTION_THRESHOLD,
         erp=step / bullet_world.PENETRATION_TIME,
         contactERP=step / bullet_world.PENETRATION_TIME,
         physicsClientId=client,
     )
+    shape = pybullet.createCollisionShape(
+        pybullet.GEOM_PLANE, planeNormal=(0, 0, 1), physicsClientId=client
+    )
+    # With maximal coordinates of both bodies, a step takes a tenth less time.
+    plane = pybullet.createMultiBody(0, shape, useMaximalCoordinates=1, physicsClientId=client)
+    c = job.conditions
     # Bullet multiplies the values of two bodies.
-    for normal, offset, friction, restitution in contacts_of(job):
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_PLANE, planeNormal=normal.tolist(), physicsClientId=client
-        )
-        # With maximal coordinates of both bodies, a step takes a tenth less time.
-        plane = pybullet.createMultiBody(
-            0,
-            shape,
-            basePosition=(offset * normal).tolist(),
-            useMaximalCoordinates=1,
-            physicsClientId=client,
-        )
-        pybullet.changeDynamics(
-            plane, -1, restitution=restitution, lateralFriction=friction, physicsClientId=client
-        )
+    pybullet.changeDynamics(
+        plane, -1, restitution=c.restitution, lateralFriction=c.friction, physicsClientId=client
+    )
     hull = pybullet.createCollisionShape(
         pybullet.GEOM_MESH, vertices=job.hull.tolist(), physicsClientId=client
     )

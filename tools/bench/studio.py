@@ -12,9 +12,10 @@ from pathlib import Path
 import trimesh
 from playwright.sync_api import Page, sync_playwright
 from rich.progress import track
-from validation.document import table
+from validation.document import paragraphs, table
 
-from bench.case import EXAMPLE, example_part
+import resting_aspects_ros as ra
+from bench.case import EXAMPLE
 
 CHROMIUM = '/usr/bin/chromium'
 REPEATS = 5
@@ -41,7 +42,7 @@ MOVE = """async (value) => {
 
 def studio() -> Iterator[str]:
     """Measure the start, an upload, and changes of a slider."""
-    part = example_part()
+    part = ra.load_part(EXAMPLE)
     mesh = trimesh.Trimesh(1000 * part.vertices, part.faces)
     while len(mesh.faces) < TRIANGLES:
         mesh = mesh.subdivide()
@@ -67,17 +68,15 @@ def studio() -> Iterator[str]:
                 server.send_signal(signal.SIGINT)
                 server.wait()
         browser.close()
-    yield '## The page for designers'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## The page for designers',
         'In headless Chromium, which draws without a GPU. *Page*: from the command `studio` to '
         f'the loaded page. *File*: from the drop of an STL file of {len(mesh.faces)} triangles, '
         f'{EXAMPLE} with finer triangles, {PAUSE:g} s after the page, to its '
         f'aspects with {DROPS} drops and pictures. '
         f'*Slider*: from a change of the restitution to the bars with {DROPS} drops, '
-        f'{len(STEPS)} changes in each of {REPEATS} runs.'
+        f'{len(STEPS)} changes in each of {REPEATS} runs.',
     )
-    yield ''
     rows = [
         [name, f'{statistics.median(each):.2f}', f'{max(each):.2f}', aim]
         for (name, each), aim in zip(times.items(), ('1', '2', '0.3'), strict=True)

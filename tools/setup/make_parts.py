@@ -106,11 +106,6 @@ def shifted(triangle: Triangle, by: int) -> Triangle:
     return a + by, b + by, c + by
 
 
-def rectangle(x: float, y: float) -> list[Point]:
-    """A rectangle with one corner at 0."""
-    return [(0, 0), (x, 0), (x, y), (0, y)]
-
-
 def angle_profile(x: float, y: float, thick: float) -> list[Point]:
     """An L: outside lengths of its legs along x and y, and their thickness."""
     return [(0, 0), (x, 0), (x, thick), (thick, thick), (thick, y), (0, y)]
@@ -159,7 +154,7 @@ PARTS: dict[str, Callable[[], Trimesh]] = {
     't_prism': lambda: prism(
         [(-5, 0), (5, 0), (5, 30), (20, 30), (20, 40), (-20, 40), (-20, 30), (-5, 30)], 20
     ),
-    'box_10x20x30': lambda: prism(rectangle(10, 20), 30),
+    'box_10x20x30': lambda: prism([(0, 0), (10, 0), (10, 20), (0, 20)], 30),
     'cylinder_d20_h20': lambda: prism(polygon(SIDES, 10), 20),
     # For M8, as in ISO 7089.
     'washer': lambda: tube(polygon(SIDES, 8), polygon(SIDES, 4.2), 1.6),
@@ -174,7 +169,7 @@ PARTS: dict[str, Callable[[], Trimesh]] = {
 
 SURROUNDINGS: dict[str, Callable[[], Trimesh]] = {
     # Its sides are inclined by 45 degrees.
-    'pocket': lambda: pocket(plate=240, top=160, bottom=120, depth=20, below=10),
+    'pocket': lambda: pocket(plate=240, top=160, bottom=120, depth=20, below=10)
 }
 
 

@@ -11,7 +11,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.conditions import KERNEL
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
-from validation.document import table
+from validation.document import paragraphs, table
 from validation.dropper import SEED, Dropper
 from validation.paired import (
     REFINEMENT,
@@ -46,17 +46,15 @@ ACTIONS = {
 
 def convergence(dropper: Dropper) -> Iterator[str]:
     """Compare the distributions of the example parts with those of refined parameters."""
-    yield '## Convergence'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Convergence',
         f'{DROPS} drops of each part on each surface, and the same drops with all numerical '
         f'parameters refined by a factor of {REFINEMENT[KERNEL]}: time steps of lasting contact, '
         'distances at which corners touch, rotations in a step. *Differ*: share of drops that end '
         'in another aspect. *Shift*: largest change of the share of an aspect, with the 95 % '
         'interval of this paired difference, which follows from the drops that end differently '
-        '(McNemar).'
+        '(McNemar).',
     )
-    yield ''
     rows = []
     cases = [(part, surface) for part in dropper.parts for surface in AIMS]
     for part, surface in track(cases, 'convergence'):
@@ -84,9 +82,8 @@ def convergence(dropper: Dropper) -> Iterator[str]:
 
 def convergence_elsewhere(dropper: Dropper) -> Iterator[str]:
     """Compare drops in surroundings, and actions, with those of refined parameters."""
-    yield '## Convergence in surroundings and of actions'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Convergence in surroundings and of actions',
         f'{SURROUNDINGS_DROPS} drops in surroundings, and actions from each symmetry class, on '
         '`rubber_mat`, and again from the same states with all numerical parameters refined by a '
         f'factor of {REFINEMENT[KERNEL]}. *Differ*: share of the parts that end in another '
@@ -94,9 +91,8 @@ def convergence_elsewhere(dropper: Dropper) -> Iterator[str]:
         'of the matrix by symmetry class, with its standard error. *Bound*: no share changes by '
         f'more than this, with a confidence of 95 %. The aim is a bound of {AIM:g}; where it is '
         'larger, the number of parts does not suffice to show the aim, or the shift exceeds it. '
-        'Steps, which Bullet simulates, are among the finished comparisons.'
+        'Steps, which Bullet simulates, are among the finished comparisons.',
     )
-    yield ''
     yield from table(
         ('part', 'in or after', 'parts', 'differ', 'shift', 'error', 'bound'),
         (
@@ -137,17 +133,15 @@ def _elsewhere(dropper: Dropper) -> Iterator[tuple[str, str, int, Shifts]]:
 
 def decision(dropper: Dropper) -> Iterator[str]:
     """Compare the aspects that the energy decides with those of continued simulation."""
-    yield '## Decision by energy'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Decision by energy',
         f'{DECISION_DROPS} drops of each part on `rubber_mat`. Each drop was simulated until its '
         'energy decided the aspect, and again until the part was still. *Agree*: drops that '
         'came to rest in the decided aspect. *By stillness*: drops that the energy did not '
         'decide. *Energy growth*: the largest growth of the energy of any drop, m g R, which is '
         'only possible at an impact. Aim: at least 999 of 1000 agree, and at most 1 of 1000 is '
-        'unsettled.'
+        'unsettled.',
     )
-    yield ''
     rows = []
     for part in track(dropper.parts, 'decision'):
         aspects = find_aspects(part)

@@ -52,6 +52,13 @@ def write_sections(document: Path, heading: str, sections: Mapping[str, Section]
     print(f'Written: {document}')
 
 
+def paragraphs(*texts: str) -> Iterator[str]:
+    """Yield headings and paragraphs, each with an empty line."""
+    for text in texts:
+        yield text
+        yield ''
+
+
 def table(
     headings: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: bool = False
 ) -> Iterator[str]:

@@ -15,6 +15,7 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import BULLET
 from resting_aspects_ros.simulation.job import DropJob, make_job
 from resting_aspects_ros.simulation.surroundings import surroundings_names
+from validation.document import paragraphs
 from validation.dropper import SEED, Dropper
 from validation.paired import OUTSIDE, TWO_SIDED, Counts, action_job, class_indices, ends
 
@@ -31,27 +32,21 @@ MIN_COUNT = 10
 
 def engines(dropper: Dropper) -> Iterator[str]:
     """Compare the kernel with Bullet."""
-    yield '## Two engines'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Two engines',
         'Drops in the kernel and as many other drops in Bullet. *Chi-square*: of the counts by '
         'symmetry class, with its degrees of freedom; *p*: probability of at least this value if '
         'both engines have the same probabilities. *Difference*: the largest one of a share of a '
         'class, Bullet minus kernel, with its 95 % interval. *Finer*: the same with Bullet '
-        f'refined by a factor of {FINER}.'
-    )
-    yield ''
-    yield (
+        f'refined by a factor of {FINER}.',
         'The two engines do not have the same law of friction. Bullet solves friction for each '
         'axis of the plane and scales the result to the disk, so that its friction impulse is off '
         'the slip, in some impacts by more than 10 degrees. With that rule in the kernel, '
         't_prism on `rubber_mat` agrees with a finer Bullet (p = .61); with the law of Coulomb, '
         'in which friction is opposite to the slip, it does not (p = .014). See [The law of '
-        'contact](law_of_contact.md#differences-from-bullet).'
+        'contact](law_of_contact.md#differences-from-bullet).',
+        f'Each part on two surfaces, {DROPS} drops:',
     )
-    yield ''
-    yield f'Each part on two surfaces, {DROPS} drops:'
-    yield ''
     columns = '| chi-square | p | difference | interval |'
     yield f'| part | surface {columns} finer: chi-square | p | difference | interval |'
     yield '|---|---|' + '---|' * 8
@@ -64,8 +59,7 @@ def engines(dropper: Dropper) -> Iterator[str]:
         cells = ' | '.join(difference(one, other) for other in others)
         yield f'| {part.name} | {surface} | {cells} |'
     yield ''
-    yield f'Surroundings and actions on `rubber_mat`, {FEW} of each:'
-    yield ''
+    yield from paragraphs(f'Surroundings and actions on `rubber_mat`, {FEW} of each:')
     yield f'| part | surroundings or action {columns}'
     yield '|---|---|' + '---|' * 4
     parts = [part for part in dropper.parts if part.name in PARTS]

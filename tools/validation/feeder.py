@@ -24,7 +24,7 @@ from resting_aspects_ros.nodes.vision_example.contours import clearances, find_b
 from resting_aspects_ros.vision.identification import identify, observed_polygon
 from resting_aspects_ros.vision.rolling import Candidate, KnownPart
 from resting_aspects_ros.vision.tray_image import OutlinePlaces, TrayCamera, render_tray
-from validation.document import table
+from validation.document import paragraphs, table
 
 # Pickable classes of each part.
 PARTS = {'l_bracket': (1,), 't_prism': (1,)}
@@ -106,17 +106,15 @@ def look(
 
 def feeder(seeds: int, minutes: float) -> Iterator[str]:
     """Compare runs of each part with the prediction interval of its forecast."""
-    yield '## Feeder'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Feeder',
         f'Runs of {minutes:g} minutes in simulated time, beginning with an empty tray, with '
         f'{seeds} seeds for each part: rendered images with noise, contours, identification, '
         'decision, and a robot that picks the part at the detected place. The outlines themselves '
         f'are placed on the tray. Model: {DROPS} drops and {PER_ASPECT} flips from each aspect, '
         'which are taken as the truth. The forecast is that of `forecast_controlled`. *Within*: '
-        'runs in the 95 % prediction interval; at least 17 of 20 are required.'
+        'runs in the 95 % prediction interval; at least 17 of 20 are required.',
     )
-    yield ''
     rows = []
     for name, classes in PARTS.items():
         known, model, forecast = prepared(name, classes, minutes)

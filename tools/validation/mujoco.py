@@ -12,6 +12,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.system import available_cores
+from validation.document import paragraphs
 from validation.dropper import SEED, Dropper
 from validation.engines import counted, difference
 from validation.mujoco_drops import ball_after_impact, mujoco_loop
@@ -34,19 +35,17 @@ CASES = (
 
 def mujoco(dropper: Dropper) -> Iterator[str]:
     """Compare the kernel with MuJoCo."""
-    yield '## An independent simulation: MuJoCo'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## An independent simulation: MuJoCo',
         f'{DROPS} drops of each part in MuJoCo, and ten times as many in the kernel; no code is '
         'shared. In MuJoCo, corners touch the plane with damped springs that have the restitution '
         'of the surface. *p*: probability of at least this chi-square of the counts by symmetry '
         'class if both engines have the same probabilities. *Difference*: the largest one of a '
-        'share of a class, MuJoCo minus kernel, with its 95 % interval.'
+        'share of a class, MuJoCo minus kernel, with its 95 % interval.',
     )
-    yield ''
     friction, restitution = BALL
     sticks, slips = (ball_after_impact(slip, friction, restitution, FINER) for slip in SLIPS)
-    yield (
+    yield from paragraphs(
         'The engines do not have the same law. MuJoCo solves a convex problem in place of '
         "Coulomb's friction, so that a contact that slips also bounces more. With restitution "
         f'{restitution:g} and friction {friction:g}, a ball that strikes the plane at speed '
@@ -55,7 +54,6 @@ def mujoco(dropper: Dropper) -> Iterator[str]:
         f'{restitution:g} in both cases. The differences below therefore show what another law of '
         'contact changes.'
     )
-    yield ''
     yield '| part | surface | chi-square | p | difference | interval | not at rest |'
     yield '|---|---|---|---|---|---|---|'
     parts = {part.name: part for part in dropper.parts}
@@ -65,9 +63,9 @@ def mujoco(dropper: Dropper) -> Iterator[str]:
         job = make_job(part, dropper.surfaces.get(surface), SEED, engine=KERNEL)
         kernel = counted(dropper, job, part, 10 * DROPS)[:, : -len(OUTSIDE)]
         finer = dataclasses.replace(job, seed=SEED + 1, engine=BULLET, refinement=FINER)
-        trial = mujoco_loop(available_cores(), finer, 0, DROPS)
-        cells = difference(kernel, _by_class(aspects, trial.down))
-        yield f'| {name} | {surface} | {cells} | {DROPS - len(trial.down)} |'
+        down = mujoco_loop(available_cores(), finer, 0, DROPS)
+        cells = difference(kernel, _by_class(aspects, down))
+        yield f'| {name} | {surface} | {cells} | {DROPS - len(down)} |'
     yield ''
 
 

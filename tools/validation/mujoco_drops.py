@@ -4,7 +4,6 @@ The suite does not need MuJoCo; without it, the comparison is left out.
 """
 
 import math
-import time
 from typing import Any
 
 import numpy as np
@@ -15,21 +14,18 @@ from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_world import PENETRATION_TIME
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.release import TIME_LIMIT
-from resting_aspects_ros.simulation.settling import (
-    CHECK_INTERVAL,
-    REST_MOTION,
-    REST_WINDOW,
-)
-from validation.trial import Trial, contacts_of, ended, released
+from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, REST_MOTION, REST_WINDOW
+from validation.trial import down_at_rest, released
 
 # MuJoCo's soft contacts creep: with the suite's REST_MOTION, most drops would never be still.
 MOTION = 10 * REST_MOTION
 
 
-def mujoco_loop(threads: int, job: DropJob, first: int, drops: int) -> Trial:
+def mujoco_loop(threads: int, job: DropJob, first: int, drops: int) -> Array:
     """Simulate drops until they are still; ImportError without MuJoCo.
 
-    After each CHECK_INTERVAL, the drops that still move are rolled out further.
+    After each CHECK_INTERVAL, the drops that still move are rolled out further. Returns down in
+    part of those that came to rest.
     """
     import mujoco
     from mujoco.rollout import Rollout
@@ -49,7 +45,6 @@ def mujoco_loop(threads: int, job: DropJob, first: int, drops: int) -> Trial:
     assert states.shape[1] == mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     look = round(CHECK_INTERVAL * job.steps_per_t)
     still, moving = np.zeros(drops), np.arange(drops)
-    started = time.perf_counter()
     with Rollout(nthread=threads) as pool:
         data = [mujoco.MjData(model) for _ in range(threads)]
         for _ in range(round(TIME_LIMIT / CHECK_INTERVAL)):
@@ -60,13 +55,12 @@ def mujoco_loop(threads: int, job: DropJob, first: int, drops: int) -> Trial:
             moving = moving[still[moving] < REST_WINDOW / CHECK_INTERVAL]
             if not len(moving):
                 break
-    seconds = time.perf_counter() - started
     at_rest = np.delete(states, moving, axis=0)
-    return ended(job, seconds, drops, np.roll(at_rest[:, 4:8], -1, axis=-1))
+    return down_at_rest(job, np.roll(at_rest[:, 4:8], -1, axis=-1))
 
 
 def _model(mujoco: Any, job: DropJob) -> Any:
-    """Return the hull of the part and the planes of the job.
+    """Return the hull of the part and the plane.
 
     A contact is a damped spring, whose half-period is the time in which the suite corrects
     penetration in Bullet, divided by the refinement of the job. MuJoCo states spring and damping
@@ -76,19 +70,14 @@ def _model(mujoco: Any, job: DropJob) -> Any:
     a step is faster without. Because of their priority, the values of a plane are those of the
     pair.
     """
-    planes, period, down = '', PENETRATION_TIME / job.refinement, job.scene.down
-    for normal, offset, friction, restitution in contacts_of(job):
-        planes += (
-            f'<geom type="plane" size="0 0 1" zaxis="{_numbers(normal)}" '
-            f'pos="{_numbers(offset * normal)}" {_contact(friction, restitution, period)}/>'
-        )
+    c, period, down = job.conditions, PENETRATION_TIME / job.refinement, job.scene.down
     return mujoco.MjModel.from_xml_string(f"""
         <mujoco>
           <compiler inertiafromgeom="false"/>
           <option timestep="{1 / job.steps_per_t}" gravity="{_numbers(down)}" cone="elliptic"/>
           <asset><mesh name="hull" vertex="{_numbers(job.hull)}"/></asset>
           <worldbody>
-            {planes}
+            <geom type="plane" size="0 0 1" {_contact(c.friction, c.restitution, period)}/>
             <body>
               <freejoint/>
               <inertial pos="0 0 0" mass="1" diaginertia="{_numbers(job.moments)}"/>

@@ -50,8 +50,7 @@ class Shifts:
     @property
     def largest(self) -> tuple[int, int]:
         """Row and column, from 0, of the entry that changes most."""
-        row, column = divmod(int(np.abs(self.shift).argmax()), self.shift.shape[1])
-        return row, column
+        return divmod(int(np.abs(self.shift).argmax()), self.shift.shape[1])
 
     @property
     def bound(self) -> float:

@@ -16,6 +16,7 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.report.figure import FAINT, new_figure, plain_axes, png_bytes
 from resting_aspects_ros.simulation.conditions import BULLET, DropConditions
 from resting_aspects_ros.statistics.model_range import DISCREPANCY
+from validation.document import paragraphs
 from validation.dropper import ROOT, Dropper
 from validation.fit import Posterior, polynomial_deviance
 from validation.measured import Case, cases, deviance, log_odds, simulated
@@ -47,8 +48,7 @@ def thrown(dropper: Dropper) -> Iterator[str]:
     known, conditions = cases(), dropper.surfaces.get('thrown')
     shares = simulated(known, conditions, DROPS, dropper.workers)
     in_bullet = simulated(known, conditions, BULLET_DROPS, dropper.workers, engine=BULLET)
-    yield '## Measured shares'
-    yield ''
+    yield from paragraphs('## Measured shares')
     yield from _comparison(known, conditions, shares, in_bullet)
     points = _points(conditions)
     found = np.array(
@@ -68,7 +68,7 @@ def thrown(dropper: Dropper) -> Iterator[str]:
 def _comparison(
     known: Sequence[Case], conditions: DropConditions, shares: Array, in_bullet: Array
 ) -> Iterator[str]:
-    yield (
+    yield from paragraphs(
         'Shares that were counted by hand or by a machine, compared with the simulation of all '
         f'bodies under one set of conditions, `thrown`: {DROPS} drops of each in the kernel and '
         f'{BULLET_DROPS} in Bullet. Five of its values are fitted to these cases: restitution '
@@ -78,7 +78,6 @@ def _comparison(
         '`config/counts`; * the number of rolls is not published, 1000 are assumed. *Deviance*: '
         '2 sum O log(O / E) over both outcomes.'
     )
-    yield ''
     yield (
         '| body, sides | rolls | measured | interval | kernel | deviation | ratio | deviance '
         '| Bullet |'
@@ -101,7 +100,10 @@ def _comparison(
     ratios = np.exp(np.abs(log_odds(shares[rare]) - log_odds(measured[rare])))
     cuboids = [k for k, case in enumerate(known) if case.name.startswith('cuboid')]
     thickness = np.log([float(known[k].name.split()[1].rstrip(',')) for k in cuboids])
-    floor, free = _floor(known, cuboids, thickness)
+    counts, rolls = (
+        np.array([getattr(known[k], name) for k in cuboids]) for name in ('count', 'rolls')
+    )
+    floor, free = polynomial_deviance(thickness, counts, rolls, 3), len(cuboids) - 4
     yield (
         f'* By points: a mean absolute deviation of {100 * off.mean():.1f} points (aim: at most '
         f'2.8); the largest is {100 * off.max():.1f}, of {known[int(off.argmax())].name}. Bullet: '
@@ -115,23 +117,14 @@ def _comparison(
         ratio = shares[k] / measured[k]
         if not 0.5 <= ratio <= 2:
             yield f'* {known[k].name}: off by a ratio of {ratio:.2f}; {REASONS[known[k].name]}.'
-    yield (
+    yield from paragraphs(
         f'* Against the floor: the deviance is {found.sum():.0f} (aim: at most 80; it scatters by '
         f'about 4 with the seed), of which {found[cuboids].sum():.0f} are from the '
         f'{len(cuboids)} cuboids. A cubic polynomial of their log odds over the logarithm of the '
         f'thickness, which needs no physics, leaves {floor:.0f} with {free} degrees of freedom: '
-        'neighbours differ by more than a smooth law and sampling allow.'
+        'neighbours differ by more than a smooth law and sampling allow.',
+        '![Simulated against measured shares](measured_shares.png)',
     )
-    yield ''
-    yield '![Simulated against measured shares](measured_shares.png)'
-    yield ''
-
-
-def _floor(known: Sequence[Case], cuboids: list[int], thickness: Array) -> tuple[float, int]:
-    counts, rolls = (
-        np.array([getattr(known[k], name) for k in cuboids]) for name in ('count', 'rolls')
-    )
-    return polynomial_deviance(thickness, counts, rolls, 3), len(cuboids) - 4
 
 
 def _points(conditions: DropConditions) -> list[DropConditions]:
@@ -149,27 +142,24 @@ def _fit(points: Sequence[DropConditions], posterior: Posterior) -> Iterator[str
     values = np.array([[getattr(point, name) for name in BOX] for point in points])
     mean = weights @ values
     spread = np.sqrt(weights @ (values - mean) ** 2)
-    yield '### The fit'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '### The fit',
         f'{POINTS} points fill the ranges of five conditions, and each body is dropped '
         f'{POINT_DROPS} times at each point. The log odds of the measured shares are taken as '
         'normal about the simulated ones, with the variances of both samples and of a '
         'discrepancy, whose standard deviation grows with (4 p (1 - p))^-1/4. The points are '
-        f'weighted by their likelihood; {1 / (weights**2).sum():.0f} of them are effective.'
+        f'weighted by their likelihood; {1 / (weights**2).sum():.0f} of them are effective.',
     )
-    yield ''
     yield '| condition | range | mean | standard deviation |'
     yield '|---|---|---|---|'
     for k, (name, (low, high)) in enumerate(BOX.items()):
         yield f'| {name} | {low:g} to {high:g} | {mean[k]:.3g} | {spread[k]:.2g} |'
     yield ''
-    yield (
+    yield from paragraphs(
         f'The standard deviation of the discrepancy at a share of 1/2 is {posterior.scale():.2f} '
         f'(in use: {DISCREPANCY:g}). {DRAWS} equally probable points, which are the `uncertainty` '
         'of `thrown` in `config/surfaces.yaml`:'
     )
-    yield ''
     chosen = posterior.draws(DRAWS)
     for k, name in enumerate(BOX):
         yield f'* {name}: {", ".join(f"{x:.3g}" for x in values[chosen, k])}'
@@ -178,14 +168,12 @@ def _fit(points: Sequence[DropConditions], posterior: Posterior) -> Iterator[str
 
 def _coverage(known: Sequence[Case], posterior: Posterior, surfaces: Array) -> Iterator[str]:
     """Predict each body from the others, and compare with a range over all named surfaces."""
-    yield '### The model range of a body that was not measured'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '### The model range of a body that was not measured',
         'Each body is left out in turn: conditions and discrepancy follow from the others, and '
         'give the 90 % range of its share, as the [model range](trust.md) of a part does. '
-        '*Surfaces*: the range of the simulated shares over all named surfaces.'
+        '*Surfaces*: the range of the simulated shares over all named surfaces.',
     )
-    yield ''
     yield '| body, sides | measured | predicted | 90 % range | within | surfaces | within |'
     yield '|---|---|---|---|---|---|---|'
     inside = [0, 0]
@@ -205,16 +193,12 @@ def _coverage(known: Sequence[Case], posterior: Posterior, surfaces: Array) -> I
             f'| {marks[0]} | {ranges[1][0]:.3f} to {ranges[1][1]:.3f} | {marks[1]} |'
         )
     n, mean = len(known), widths / len(known)
-    yield (
+    yield from paragraphs(
         f'| mean width: points, log odds | | | {100 * mean[0, 0]:.1f}, {mean[0, 1]:.2f} '
-        f'| {inside[0]} of {n} | {100 * mean[1, 0]:.1f}, {mean[1, 1]:.2f} | {inside[1]} of {n} |'
-    )
-    yield ''
-    yield (
+        f'| {inside[0]} of {n} | {100 * mean[1, 0]:.1f}, {mean[1, 1]:.2f} | {inside[1]} of {n} |',
         f'{inside[0]} of {n} measured shares ({100 * inside[0] / n:.0f} %) are within their 90 % '
-        'range (aim: 80 to 97 %).'
+        'range (aim: 80 to 97 %).',
     )
-    yield ''
 
 
 def _draw(known: Sequence[Case], shares: Array, posterior: Posterior) -> None:

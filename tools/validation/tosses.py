@@ -20,6 +20,7 @@ from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.figure import FAINT, new_figure, plain_axes, png_bytes
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL, Noise
+from validation.document import paragraphs
 from validation.dropper import ROOT, SEED, Dropper
 
 TOSSES = ROOT / 'tools' / 'validation' / 'cube_tosses.csv'
@@ -45,17 +46,15 @@ def tosses(dropper: Dropper) -> Iterator[str]:
     best = (thrown.friction, thrown.restitution)
     cube = _cube()
     down = _faces_down(cube)
-    yield '## Tosses of a real cube'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '## Tosses of a real cube',
         f'{len(given)} recorded tosses of a cube of {1000 * SIDE:g} mm (DAIR Lab, ContactNets, '
         'CoRL 2020) start from their recorded states, '
         f'each {REPLICATES[KERNEL]} times in the kernel and {REPLICATES[BULLET]} times in Bullet, '
         f'with noise of {NOISE.orientation:g} rad, {NOISE.velocity:g} m/s and {NOISE.spin:g} '
         f'rad/s. The probability of a face is ({WEIGHT} f + 1/2) / {WEIGHT + 3} with its '
-        'frequency f. By chance a sixth of the faces would be right, and the log loss 1.79.'
+        'frequency f. By chance a sixth of the faces would be right, and the log loss 1.79.',
     )
-    yield ''
     yield (
         '| friction | restitution | engine | share of tosses that ended on the most probable face '
         '| standard error | log loss | standard error |'
@@ -76,7 +75,7 @@ def tosses(dropper: Dropper) -> Iterator[str]:
             )
     yield ''
     friction, restitution = best
-    yield (
+    yield from paragraphs(
         f'The aims are a log loss of at most 0.49 and a share of at least 0.83 with friction '
         f'{friction:g} and restitution {restitution:g}, the values of `thrown`, which were fitted '
         'to other bodies. '
@@ -84,11 +83,11 @@ def tosses(dropper: Dropper) -> Iterator[str]:
         'recorded state, and friction and restitution are the same for all tosses. Calibration '
         f'of the kernel with friction {friction:g} and restitution {restitution:g}, all faces:'
     )
-    yield ''
     yield from _calibration(shown, np.arange(6) == down[:, None])
     yield ''
-    yield '![Predicted probability of a face against its frequency](cube_tosses.png)'
-    yield ''
+    yield from paragraphs(
+        '![Predicted probability of a face against its frequency](cube_tosses.png)'
+    )
 
 
 def _probability(

@@ -17,13 +17,11 @@ from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.statistics.intervals import intervals
 from resting_aspects_ros.tracks.description import read_track
 from resting_aspects_ros.tracks.design import design_traps
-from resting_aspects_ros.tracks.orientations import (
-    Orientation,
-    orientations_on,
-)
+from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
 from resting_aspects_ros.tracks.simulate import BREAKING, _job, _scene
 from resting_aspects_ros.tracks.support import is_line
 from resting_aspects_ros.tracks.traps import Arrival, Balcony
+from validation.document import paragraphs
 from validation.dropper import SEED
 
 Array = npt.NDArray[np.float64]
@@ -47,8 +45,7 @@ DESIGN_PARTS, DESIGN_SPEED = 200, 0.1
 
 def track() -> Iterator[str]:
     """Compare statics and designs with simulated parts."""
-    yield '## Tracks and traps'
-    yield ''
+    yield from paragraphs('## Tracks and traps')
     yield from statics()
     yield ''
     yield from designs()
@@ -65,15 +62,13 @@ def _rows(part: Part, wall_friction: float = 0.0) -> list[Orientation]:
 
 def statics() -> Iterator[str]:
     """Compare parts at rest on balconies 1 mm off the critical width with statics."""
-    yield '### Balconies 1 mm off the critical width'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '### Balconies 1 mm off the critical width',
         'Each row of a part lies at rest on a track of the critical width of statics, less or '
         'more 1 mm, rolled towards the wall by 2, 5 or 15 degrees (friction 0.3), and is '
         'simulated in Bullet. *Agree*: it falls off the narrower track, and stays on the wider '
-        'one.'
+        'one.',
     )
-    yield ''
     yield '| part | contact | trials | agree | falls although wider | stays although narrower |'
     yield '|---|---|---|---|---|---|'
     total = np.zeros(4, dtype=np.int64)
@@ -146,14 +141,12 @@ def _stays(part: Part, row: Orientation, width: float, roll: float) -> bool:
 
 def designs() -> Iterator[str]:
     """Design traps with simulated bands, and let other parts run through them."""
-    yield '### Designs'
-    yield ''
-    yield (
+    yield from paragraphs(
+        '### Designs',
         f'The best design of `--design --simulate` at {1e3 * DESIGN_SPEED:g} mm/s, roll 5 '
         f'degrees, and {DESIGN_PARTS} other parts of each row that run through it. *Statics*: CPU '
-        'time of the static design.'
+        'time of the static design.',
     )
-    yield ''
     yield (
         '| part, wanted row | rows | statics (s) | traps | margin (mm) | wanted pass | others '
         'pass | jam |'
