@@ -130,8 +130,8 @@ def classify():
 
 
 def identify():
-    seen = ra.outlines('tetrahedron').outlines[0].polygon
-    found = ra.identify_part(seen, 'tetrahedron')
+    seen = ra.outlines('l_bracket').outlines[0].polygon
+    found = ra.identify_part(seen, 'l_bracket')
     classes = [each.symmetry_class for each in found.candidates]
     values = {
         'posterior': [each.posterior for each in found.candidates],
