@@ -17,6 +17,7 @@ from PIL import Image
 @pytest.mark.slow
 def test_request_returns_every_form_of_result(begin, run, read_until, wait_until, tmp_path):
     nodes = begin('nodes', '--ros-args', '-p', 'log_folder:=logs', '-p', 'surface:=steel')
+    read_until(nodes.stderr, lambda line: 'aspect_classifier]: ready' in line)
 
     # Without a surface, that of the simulator.
     asked = ('request', 'tetrahedron', '--drops', 20, '--seed', 3)

@@ -5,19 +5,17 @@ import copy
 import json
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.result_json import (
-    RunDocument,
     counts_of,
     document_result,
     read_document,
 )
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import SCHEMA_VERSION
-from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 
 @pytest.fixture(scope='module')
@@ -125,7 +123,6 @@ def test_error_names_every_missing_field(original, refusal):
     [
         (('drops',), 26, 'invalid drops 26 in f.json: expected 25, the sum of all counts'),
         (('unsettled',), -1, 'invalid unsettled -1 in f.json: expected greater than or equal'),
-        (('seed',), 2**64, 'in f.json: expected less than or equal to 18446744073709551615'),
         (('schema_version',), 1, 'invalid schema_version 1 in f.json: expected 2'),
         (('part',), '<b>', "invalid part '<b>' in f.json: expected a name of lower case letters"),
         (('conditions', 'height'), -1.0, 'invalid conditions in f.json: invalid height -1.0'),
@@ -140,7 +137,6 @@ def test_invalid_document_is_refused(original, refusal, place, value, said):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('{"a": ', 'f.json is not JSON: Expecting value'),
         ('{"a":' * 100_000, 'f.json is not JSON: '),
         ('{"drops": NaN}', 'f.json is not JSON: NaN is not a finite number'),
         (f'{{"drops": {"9" * 5000}}}', 'f.json is not JSON: '),
@@ -160,7 +156,6 @@ anything = st.recursive(
 )
 
 
-@settings(max_examples=60)
 @given(data=st.data())
 def test_any_value_in_any_field_is_read_or_refused(original, data):
     path, document = original
@@ -171,44 +166,26 @@ def test_any_value_in_any_field_is_read_or_refused(original, data):
         assert counts_of(path, found).drops == found.drops
 
 
-def test_the_schema_has_every_condition():
-    assert set(QUANTITIES) < set(RunDocument.__annotations__['conditions'].__annotations__)
+LOWER, UPPER = (('aspects', 0, f'model_{bound}') for bound in ('lower', 'upper'))
 
 
-@pytest.mark.parametrize(
-    ('place', 'value', 'said'),
-    [
-        (('history',), [{'drops': 1, 'counts': [1]}], 'history'),
-        (('convergence',), [1], 'convergence'),
-        (('mesh_file',), [1], 'mesh_file'),
-        (('aspects', 0, 'neighbour'), 77, 'neighbour'),
-        (('aspects', 0, 'support'), [], 'support'),
-        (('aspects', 0, 'support'), [[0, 0], [1, 0], [2, 0]], 'support'),
-        (('aspects', 0, 'support'), [[0, 0], [1e308, 0], [0, 1e308]], 'support'),
-    ],
-)
-def test_report_refuses_what_it_cannot_show(refused, original, tmp_path, place, value, said):
-    wrong = changed(original[1], place, value)
-    (tmp_path / 'f.json').write_text(json.dumps(wrong), encoding='utf-8')
-    assert said in refused('report', 'f.json')
-
-
-@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('changes', 'said'),
     [
-        ({('aspects', 0, 'model_lower'): None}, 'invalid model range'),
-        ({('aspects', 0, 'model_lower'): 0.9, ('aspects', 0, 'model_upper'): 0.1}, 'model range'),
+        ({('history',): [{'drops': 1, 'counts': [1]}]}, 'history'),
+        ({('convergence',): [1]}, 'convergence'),
+        ({('mesh_file',): [1]}, 'mesh_file'),
+        ({('aspects', 0, 'neighbour'): 77}, 'neighbour'),
+        ({('aspects', 0, 'support'): [[0, 0], [1, 0], [2, 0]]}, 'support'),
+        ({('aspects', 0, 'support'): [[0, 0], [1e308, 0], [0, 1e308]]}, 'support'),
+        ({LOWER: None}, 'invalid model range'),
+        ({LOWER: 0.9, UPPER: 0.1}, 'model range'),
         ({('classes',): []}, 'invalid model range'),
-        (
-            {('classes', 0, 'model_lower'): 0.999, ('classes', 0, 'model_upper'): 0.9999},
-            'invalid model range',
-        ),
         ({('model_uncertain',): ['luck']}, 'luck'),
     ],
 )
-def test_contradictory_model_ranges_are_refused(original, tmp_path, changes, said):
-    _, document = original
+def test_report_refuses_what_it_cannot_show(original, tmp_path, changes, said):
+    document = original[1]
     for place, value in changes.items():
         document = changed(document, place, value)
     path = tmp_path / 'f.json'
