@@ -30,9 +30,9 @@ def counts(tmp_path):
 @pytest.mark.slow
 def test_files_are_written_and_read_again(run, counts, tmp_path):
     out = tmp_path / 'out'
-    first = run('calibrate', counts, '--out', out, *FEW)
-    assert first.returncode == DONE, first.stderr
-    assert 'oak_table: 2 parts, 200 counted drops' in first.stdout
+    ended = run('calibrate', counts, '--out', out, *FEW)
+    assert ended.returncode == DONE, ended.stderr
+    assert 'oak_table: 2 parts, 200 counted drops' in ended.stdout
     document = json.loads((out / 'calibration.json').read_text(encoding='utf-8'))
     entry = yaml.safe_load((out / 'surface.yaml').read_text(encoding='utf-8'))['oak_table']
     assert {name: entry[name] for name in QUANTITIES} == {
@@ -50,11 +50,8 @@ def test_files_are_written_and_read_again(run, counts, tmp_path):
         dict(zip(samples, row, strict=True)) for row in zip(*samples.values(), strict=True)
     ]
     assert (out / 'calibration.png').read_bytes().startswith(b'\x89PNG')
-    second = run('calibrate', counts, '--out', out, *FEW)
-    assert second.stdout == first.stdout
 
 
-@pytest.mark.slow
 def test_interrupted_command_says_that_there_is_no_result(run, counts, monkeypatch):
     class Asked(Interruption):
         def __enter__(self):

@@ -1,4 +1,4 @@
-"""`resting_aspects replay`: wrong input, progress and end of the command."""
+"""`resting_aspects replay`: its progress and its end."""
 
 import os
 import re
