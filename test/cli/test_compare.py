@@ -2,53 +2,35 @@
 
 import dataclasses
 import json
-from contextlib import closing
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
-from rclpy.serialization import serialize_message
-from scipy.stats import chi2_contingency, fisher_exact
+from scipy.stats import chi2_contingency
 
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, Qos, Topic
-from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.report.document import distribution_document, to_json
-from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.distribution import Distribution
 
 COUNTS = [60, 55, 48, 25, 12]
-TOPIC = Topic('/aspect_distributions/l_bracket', DISTRIBUTION_TYPE, Qos(1))
-
-
-@pytest.fixture(scope='module')
-def counted(part):
-    """Return the distribution of counts of the L bracket."""
-    aspects = find_aspects(part('l_bracket'))
-    return lambda counts, *rest: Distribution(aspects, np.array(counts), *(rest or (0, 0, 0)))
-
-
-@pytest.fixture(scope='module')
-def described(part, surfaces):
-    """Return the description of a run of 200 drops of the L bracket."""
-    _, run = plan_run(
-        part('l_bracket'), surfaces.get(), seed=3, drops=200, run_id='4f1c', started=10**18
-    )
-    return lambda **changes: dataclasses.replace(run, **changes)
 
 
 @pytest.fixture
-def write_json(counted, described, tmp_path):
-    """Write a document like `drop`."""
+def write_json(part, surfaces, tmp_path):
+    """Write a document of 200 drops of the L bracket like `drop`."""
+    bracket = part('l_bracket')
+    _, planned = plan_run(
+        bracket, surfaces.get(), seed=3, drops=200, run_id='4f1c', started=10**18
+    )
+    counted = Distribution(find_aspects(bracket), np.array(COUNTS), 0, 0, 0)
 
     def write(name, **changes):
-        run = described(**changes)
+        run = dataclasses.replace(planned, **changes)
         given = {'method': 'drops', 'complete': True, 'drops_asked': run.drops}
-        document = distribution_document(counted(COUNTS), run.document() | given)
+        document = distribution_document(counted, run.document() | given)
         (tmp_path / name).write_text(to_json(document), encoding='utf-8')
 
     return write
@@ -70,52 +52,18 @@ def write_csv(folder, text, name='m.csv'):
     (folder / name).write_text(text, encoding='utf-8')
 
 
-def counts_of(document, side):
-    return [aspect[side]['count'] for aspect in document['aspects']]
-
-
 # -- the comparison ------------------------------------------------------------------------------
 
 
-def test_compare_drops_with_manual_counts(run, compared, tmp_path):
-    ended = run('drop', 'l_bracket', '--drops', 125, '--seed', 3, '--json')
-    dropped = json.loads(ended.stdout)
-    write_csv(tmp_path, ended.stdout, 'a')  # any name is accepted
+def test_compare_drops_with_manual_counts(compared, write_json, tmp_path):
+    write_json('a')  # any name is accepted
     write_csv(tmp_path, 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\nunsettled,3\n')
     found, said = compared('a', 'm.csv')
     assert said == ''
-    assert counts_of(found, 'a') == [aspect['count'] for aspect in dropped['aspects']]
-    assert counts_of(found, 'b') == [61, 70, 50, 15, 14]
-    assert (found['a']['drops'], found['b']['drops'], found['b']['unsettled']) == (125, 213, 3)
-    table = [counts_of(found, side) for side in 'ab']
+    table = [[aspect[side]['count'] for aspect in found['aspects']] for side in 'ab']
+    assert table == [COUNTS, [61, 70, 50, 15, 14]]
+    assert (found['a']['drops'], found['b']['drops'], found['b']['unsettled']) == (200, 213, 3)
     assert found['p_value'] == pytest.approx(chi2_contingency(table, correction=False).pvalue)
-    a, b = (np.array(counts) / sum(counts) for counts in table)
-    assert found['total_variation'] == pytest.approx(np.abs(a - b).sum() / 2)
-
-
-def test_p_value_of_few_drops_is_exact_and_reproducible(tmp_path):
-    counts = [3, 1], [1, 4]
-    paths = [tmp_path / 'a', tmp_path / 'b']
-    for path, (one, two) in zip(paths, counts, strict=True):
-        path.write_text(f'aspect,count\n1,{one}\n2,{two}\n')
-    found = compare(*paths).comparison
-    assert found.p_by == 'monte carlo'
-    # For 2 x 2 tables with these margins, Pearson's and Fisher's order agree.
-    assert found.p_value == pytest.approx(fisher_exact(counts).pvalue, abs=0.02)
-    assert compare(*paths).comparison.p_value == found.p_value
-
-
-def test_last_distribution_of_a_log_is_used(compared, write_json, counted, described, tmp_path):
-    with closing(RunLog(tmp_path, 'run')) as log:
-        for k, counts in enumerate(([1, 0, 0, 0, 0], [70, 50, 40, 20, 19])):
-            message = distribution_msg(counted(counts, 1, 0, 0), described(), Time(sec=k), k == 1)
-            log.write(TOPIC, serialize_message(message), k)
-    write_json('b.json', seed=4)
-    found, said = compared('run/run_0.mcap', 'b.json')
-    assert said == ''
-    assert counts_of(found, 'a') == [70, 50, 40, 20, 19]
-    side = found['a']
-    assert (side['drops'], side['unclassified'], side['complete']) == (200, 1, True)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """`resting_aspects feeder_demo`: the feeder over ROS beside its forecast."""
 
+import io
 import json
 import os
 import signal
@@ -9,13 +10,20 @@ import pytest
 from builtin_interfaces.msg import Time
 from PIL import Image
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from rich.console import Console
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Header
 
 from resting_aspects_ros.cli import feeder_display, node_processes
 from resting_aspects_ros.cli.feeder_demo_run import FeederDemo
-from resting_aspects_ros.cli.feeder_display import check_silence
+from resting_aspects_ros.cli.feeder_display import (
+    FeederView,
+    check_silence,
+    feeder_line,
+    feeder_sentence,
+    feeder_table,
+)
 from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
 from resting_aspects_ros.cli.verbs import feeder_demo
 from resting_aspects_ros.client.feeder_watch import FeederWatch
@@ -70,38 +78,17 @@ def test_camera_that_waits_for_the_watch_begins_after_all_is_heard():
         assert cell.hears_results
 
 
-def test_only_actions_that_happened_are_counted():
-    cell = Watched()
-    cell.seen(1, 10)
-    cell.advise(1, PICK, then=FLIP, supply=5)
-    cell.result(11, PickResult.PICKED, 1)
-    cell.result(12, PickResult.PICKED, 1)
-    cell.result(14, PickResult.MOVED)
-    cell.seen(2, 14)
-    cell.advise(2, PICK, then=FLIP, supply=9)
-    cell.result(15, PickResult.MISSED, 2)  # therefore, no flip and no supply
-    cell.seen(3, 15)
-    cell.result(18, PickResult.MOVED)
-    cell.seen(4, 18)
-    cell.advise(3, SPREAD, supply=1)  # advice and detections may arrive in any order
-    cell.advise(4, FeederAdvice.SUPPLY, supply=3)
-    cell.seen(5, 80)
-    cell.result(70, PickResult.MOVED)
-    cell.result(90, PickResult.MOVED)  # after the minute
-    fields = cell.watch.fields()
-    assert cell.watch.done.done()
-    assert fields['choices'] == {'pick': 2, 'flip': 1, 'spread': 1, 'supply': 1}
-    assert (fields['supplied'], fields['picks'], fields['missed']) == (9, 2, 1)
-
-
-def test_messages_in_any_order_give_the_same_counts():
+def test_actions_that_happened_are_counted_in_any_order_of_messages():
     def sent(order):
         cell = Watched()
         cell.advise(1, PICK, then=FLIP, supply=5)
         cell.advise(2, PICK, then=FLIP, supply=9)
+        cell.advise(3, SPREAD, supply=1)
+        cell.advise(4, FeederAdvice.SUPPLY, supply=3)
         for message in order:
             message(cell)
-        return cell.watch.done.done(), cell.watch.fields()
+        assert cell.watch.done.done()
+        return cell.watch.fields()
 
     messages = [
         lambda cell: cell.result(9, PickResult.PICKED, 8),  # before the first image
@@ -110,20 +97,23 @@ def test_messages_in_any_order_give_the_same_counts():
         lambda cell: cell.result(30, PickResult.DROPPED, 1),
         lambda cell: cell.result(40, PickResult.MOVED),
         lambda cell: cell.seen(2, 40),
-        lambda cell: cell.result(60, PickResult.MISSED, 2),
-        lambda cell: cell.seen(3, 75),
-        lambda cell: cell.result(80, PickResult.PICKED, 3),  # after the end
-        lambda cell: cell.result(81, PickResult.MISSED, 3),
+        lambda cell: cell.result(50, PickResult.MISSED, 2),  # therefore, no flip and no supply
+        lambda cell: cell.seen(3, 55),
+        lambda cell: cell.result(60, PickResult.MOVED),
+        lambda cell: cell.seen(4, 60),
+        lambda cell: cell.result(65, PickResult.MOVED),
+        lambda cell: cell.seen(5, 75),
+        lambda cell: cell.result(80, PickResult.PICKED, 5),  # after the end
+        lambda cell: cell.result(81, PickResult.MISSED, 5),
         lambda cell: cell.result(82, PickResult.MOVED),
     ]
-    seen = [messages[k] for k in (1, 5, 7)]
+    seen = [messages[k] for k in (1, 5, 7, 9, 11)]
     results = [message for message in messages if message not in seen]
-    done, fields = sent(messages)
-    assert done
-    assert (fields['picks'], fields['missed'], fields['supplied']) == (1, 1, 5)
-    assert fields['choices'] == {'pick': 2, 'flip': 1, 'spread': 0, 'supply': 0}
+    fields = sent(messages)
+    assert (fields['picks'], fields['missed'], fields['supplied']) == (1, 1, 9)
+    assert fields['choices'] == {'pick': 2, 'flip': 1, 'spread': 1, 'supply': 1}
     assert fields['minutes'] == pytest.approx(65 / 60)
-    assert sent([*results, *seen]) == sent([*seen, *results]) == (done, fields)
+    assert sent([*results, *seen]) == sent([*seen, *results]) == fields
 
 
 def test_time_begins_with_the_first_image_of_the_camera():
@@ -174,6 +164,32 @@ def test_demo_without_progress_names_the_silent_node(tmp_path, monkeypatch):
     changed = cell.watch._clock_changed
     cell.tick(11)
     assert before < changed == cell.watch._clock_changed
+
+
+COUNTED = {'minutes': 10.05, 'on_tray': 12, 'picks': 270, 'missed': 3, 'images': 150}
+COUNTED |= {'choices': {'flip': 149}, 'rate': 26.87, 'advice': SimpleNamespace(reason='Pick 2')}
+
+
+def test_run_is_shown_beside_its_forecast():
+    def view(**changed):
+        forecast = SimpleNamespace(rate=26.0, prediction=(24.0, 28.0))
+        return FeederView(SimpleNamespace(**COUNTED | changed), forecast, 10.0)
+
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(feeder_table(view()))
+    text = console.export_text()
+    for words in ('10:03 of 10 min', '270 (3 missed)', '26.9', '26.0 (24.0 to 28.0)', 'Pick 2'):
+        assert words in text
+    assert max(map(len, text.splitlines())) <= 80
+    assert '270 picks, 26.9 per minute (forecast 26.0' in feeder_line(view())
+    for changed, said in (
+        ({}, 'within'),
+        ({'rate': 28.4}, 'outside'),
+        ({'minutes': 2}, 'shorter'),
+    ):
+        sentence = feeder_sentence(view(**changed), 61.3)
+        assert said in sentence.splitlines()[0].rpartition(';')[2]
+        assert '61 s' in sentence
 
 
 @pytest.mark.slow

@@ -35,9 +35,7 @@ def disc(tmp_path_factory):
     folder = tmp_path_factory.mktemp('parts')
     mesh = trimesh.creation.cylinder(radius=10, height=4, sections=130)
     mesh.export(folder / 'disc.stl')
-    # Off the middle, so that one aspect is frequent and a precision ends the run early.
-    text = 'unit: mm\ncentre_of_mass: [0, 0, -1.8]\n'
-    (folder / 'disc.yaml').write_text(text, encoding='utf-8')
+    (folder / 'disc.yaml').write_text('unit: mm\n', encoding='utf-8')
     return folder
 
 
@@ -56,9 +54,6 @@ def at_update(monkeypatch):
 
 def when_some_are_done(number):
     return lambda done: done and signal.raise_signal(number)
-
-
-# -- signals -------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -152,17 +147,6 @@ def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
     finally:
         signal.signal(signal.SIGHUP, before)
     assert document['drops'] > 4000
-
-
-# -- workers that die ----------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_large_job_with_a_precision_ends(run, disc):
-    # At its end, up to 1500 more drops than needed are submitted.
-    ended = run('drop', 'disc', '--parts', disc, '--workers', 2, *BULLET, '--precision', 0.1)
-    assert ended.returncode == 0, ended.stderr
-    assert ended.stdout.splitlines()[1].endswith(' drops on rubber_mat, seed 1')
 
 
 @pytest.mark.slow

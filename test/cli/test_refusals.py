@@ -68,6 +68,8 @@ CASES = {
     'forecast l_bracket --pickable 1 --action tap,toss': ['--action', "'tap,toss'"],
     'optimise l_bracket --vary height=1cm:2cm --wanted 1 --actions a.yaml': ['--actions'],
     'outlines washer --px-per-mm 5': ['--px-per-mm', "'5'", '--out'],
+    'optimise l_bracket --vary friction=0.1:0.5 --wanted 1 --budget 2000 --action step_down '
+    '--surroundings v_groove': ['invalid ranges'],
     'reorient l_bracket --action tap,toss --speed 1': ['--action', '--speed'],
     'report log --part l_bracket': ['--part', "'l_bracket'"],
     'request l_bracket --method csa --surface ice': ['--surface', "'ice'", '--method'],

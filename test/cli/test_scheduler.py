@@ -11,11 +11,12 @@ OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 
 
 @pytest.mark.slow
-def test_killed_worker_loses_no_drop(cluster, begin, wait_for_poses, tmp_path):
+def test_killed_worker_loses_no_drop(cluster, begin, wait_until, tmp_path):
     # Bullet, so that there is time to kill a worker.
     words = ('drop', 'tetrahedron', '--drops', 750, '--engine', 'bullet', '--poses', 'p.csv')
     process = begin(*words, '--scheduler', cluster.scheduler_address)
-    wait_for_poses('p')
+    # It has written the first poses to its temporary file.
+    wait_until(lambda: any(len(p.read_bytes()) > 1000 for p in tmp_path.glob('p.*.part.csv')))
     (killed, *_) = [nanny.pid for nanny in cluster.workers.values()]
     os.kill(killed, signal.SIGKILL)
     printed, errors = process.communicate(timeout=600)

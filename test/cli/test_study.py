@@ -29,8 +29,8 @@ def test_study_writes_its_folder_and_continues_it(run, own, tmp_path):
     few = ('--points', '2', '--drops', '20', '--workers', '1', '--out', 'out')
     first = run('study', 'tetrahedron', *words, *few, '--surfaces', own, '--surface', 'ice')
     assert first.returncode == 0, first.stderr
-    for name in ('Restitution', 'Release height'):
-        assert f'* {name}' in first.stdout
+    assert '* Restitution' in first.stdout
+    assert first.stdout.count('\n* ') == 2
     assert 'Report: out/page.html' in first.stdout
     names = {path.name for path in (tmp_path / 'out').iterdir()}
     assert {'study.yaml', 'points.jsonl', 'results.csv', 'page.html', 'parts'} <= names
