@@ -13,7 +13,7 @@ OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 @pytest.mark.slow
 def test_killed_worker_loses_no_drop(cluster, begin, wait_until, tmp_path):
     # Bullet, so that there is time to kill a worker.
-    words = ('drop', 'tetrahedron', '--drops', 750, '--engine', 'bullet', '--poses', 'p.csv')
+    words = ('drop', 'tetrahedron', '--drops', 400, '--engine', 'bullet', '--poses', 'p.csv')
     process = begin(*words, '--scheduler', cluster.scheduler_address)
     # It has written the first poses to its temporary file.
     wait_until(lambda: any(len(p.read_bytes()) > 1000 for p in tmp_path.glob('p.*.part.csv')))
@@ -23,9 +23,9 @@ def test_killed_worker_loses_no_drop(cluster, begin, wait_until, tmp_path):
     assert process.returncode == 0, errors
     # The scheduler repeats the drops without a message.
     assert {line for line in errors.splitlines() if not line.startswith('tetrahedron: ')} == set()
-    assert printed.splitlines()[1].strip() == '750 drops on rubber_mat, seed 1'
+    assert printed.splitlines()[1].strip() == '400 drops on rubber_mat, seed 1'
     with (tmp_path / 'p.csv').open(newline='') as file:
-        assert [int(row['drop']) for row in csv.DictReader(file)] == list(range(750))
+        assert [int(row['drop']) for row in csv.DictReader(file)] == list(range(400))
 
 
 @pytest.mark.slow

@@ -88,14 +88,6 @@ def test_refused_memory_is_reported_in_one_line(run, monkeypatch, error):
     assert (ended.returncode, ended.stderr) == (1, 'error: there is not enough memory\n')
 
 
-@pytest.mark.slow
-def test_a_deleted_working_folder(run_process, tmp_path):
-    words = ('drop', 'tetrahedron', '--drops', '5', '--out', 'o')
-    ended = run_process(*words, preexec_fn=tmp_path.rmdir)
-    assert ended.returncode in (1, 2), ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
-
-
 def test_invalid_ros_domain_is_refused(run, environment):
     ended = run('nodes', env={**environment, 'ROS_DOMAIN_ID': '\x1b[31m'})
     assert (ended.returncode, ended.stdout) == (2, '')
