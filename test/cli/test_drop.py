@@ -47,16 +47,6 @@ def test_outputs_of_a_run_agree(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_warnings_do_not_go_to_stdout(run, box, tmp_path):
-    box.invert()
-    box.export(tmp_path / 'box.stl')
-    ended = run('drop', 'box.stl', '--drops', 1, '--json')
-    (warning,) = [line for line in ended.stderr.splitlines() if line.startswith('warning: ')]
-    assert "'box.stl'" in warning
-    assert json.loads(ended.stdout)['part'] == 'box'
-
-
-@pytest.mark.slow
 def test_height_in_the_wrong_unit_is_refused_unless_forced(
     refused, run, box, tmp_path, monkeypatch
 ):

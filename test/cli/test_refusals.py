@@ -12,10 +12,7 @@ import pytest
 import trimesh
 
 FILES = {
-    'actions.yaml': 'nudge: {kind: kick, speed: 0.01}\n',
     'counts.csv': 'class,count\n1,27\n2,31\n3,22\n4,15\n5,9\n',
-    'aspects.csv': 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\n',
-    'few.csv': 'aspect,count\n1,2\n2,3\n4,4\n',
     'poses.csv': 'qx,qy,qz,qw\n0,0,0,1\n0,0,0,0.99\n',
     'states.csv': 'z_com_m,qx,qy,qz,qw\n0.1,0,0,0,1\n',
     'seen.json': json.dumps({'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}),
@@ -30,20 +27,17 @@ CASES = {
     'forecast tetrahedron --pickable 1 3': ['3', '1,3'],
     'drop tetrahedron --workers 2 --scheduler tcp://127.0.0.1:1': ['--scheduler', '--workers'],
     # Numbers with units.
-    'drop tetrahedron --height 60parsec': ['--height', "'60parsec'"],
     'drop tetrahedron --height -3mm': ['height', '-0.003'],
     'drop tetrahedron --drops 1e999999999': ['--drops', '1e999999999'],
     'drop tetrahedron --confidence 95': ['--confidence', '95'],
     'drop tetrahedron --unit mm': ['unit', "'mm'"],
     # Mesh files.
-    'drop missing.stl': ["'missing.stl'"],
     'track l_bracket --height 60': ['height', 'drop --force', '60mm'],
     'drop box': ["'box'", "'box.obj'"],
     'drop': ['part', '--from-log'],
     # Output files are checked before the drops.
     'drop l_bracket --out text.mcap/below': ['--out', "'text.mcap/below'"],
     'drop l_bracket --out folder': ['--out', "'folder/distribution.png'"],
-    'drop l_bracket --out /proc/self': ['--out', "'/proc/self'"],
     'drop l_bracket --log text.mcap': ['--log', "'text.mcap'"],
     'drop l_bracket --report': ['--report', 'l_bracket'],
     'drop l_bracket --table t.ods': ['--table', "'t.ods'"],
@@ -52,8 +46,6 @@ CASES = {
     # Flags that contradict each other.
     'drop tetrahedron hex_nut --json': ['--json', 'single part'],
     'drop tetrahedron --replicates 2': ['--replicates', '--initial-states'],
-    'drop --from-log log --initial-states states.csv': ['--initial-states', '--from-log'],
-    'drop hex_nut --from-log log': ['PART_OR_MESH', "'hex_nut'", '--from-log'],
     'drop --from-log log --seed 0': ['--seed', "'0'", '--from-log'],
     'drop tetrahedron hex_nut --engine bullet': ['--engine', "'bullet'", 'single part'],
     'drop tetrahedron --initial-states states.csv --height 1m': ['--height', "'1m'"],
@@ -65,6 +57,7 @@ CASES = {
     'outlines washer --px-per-mm 5': ['--px-per-mm', "'5'", '--out'],
     'optimise l_bracket --vary friction=0.1:0.5 --wanted 1 --budget 2000 --action step_down '
     '--surroundings v_groove': ['invalid ranges'],
+    'reorient l_bracket --action tap,tap': ['--action', "'tap,tap'"],
     'reorient l_bracket --action tap,toss --speed 1': ['--action', '--speed'],
     'report log --part l_bracket': ['--part', "'l_bracket'"],
     'request l_bracket --method csa --surface ice': ['--surface', "'ice'", '--method'],
@@ -73,14 +66,12 @@ CASES = {
     'study missing.yaml hex_nut': ["'hex_nut'", "'missing.yaml'"],
     'track hex_nut --on wiper_and_balcony --roll 5deg': ['roll', '--on'],
     # Values that a command parses.
-    'classify poses.csv --tolerance wide': ['--tolerance', "'wide'"],
     'drift l_bracket counts.csv --shift 5': ['--shift', "'5'", '5%'],
     'feeder_demo --out folder --pickable 9': ['9', '1 to 5'],
     'feeder_demo --out folder --tray 10x10mm': ['tray'],
     'feeder_demo --out folder --place 1s': ['place', 'overlap'],
     'forecast l_bracket --pickable a': ['--pickable', "'a'"],
     'forecast l_bracket --pickable 1 --tray 200mm': ['--tray', "'200mm'"],
-    'identify l_bracket --polygon seen.json --noise 2px': ['--noise', "'2px'"],
     'identify l_bracket --polygon seen.json --camera 0mm,0mm,-1mm': ['--camera'],
     'replay log --rate 1001': ['--rate', "'1001'"],
     'request l_bracket --ros-args --bogus': ['--bogus'],
@@ -96,14 +87,11 @@ CASES = {
     'drop tetrahedron --set angle=9deg': ["'angle=9deg'", '--surroundings'],
     'reorient l_bracket --action nozzle': ['impulse', 'nozzle'],
     # Files that only commands read.
-    'classify poses.csv': ["'poses.csv' line 3", '0.99'],
-    'compare aspects.csv few.csv': ["'few.csv'", '1, 2, 4', "'aspects.csv'", '3, 5'],
     'recover folder': ["'folder'", 'no .mcap file'],
     'info nowhere': ["'nowhere'", 'No such file'],
     'info logs': ["'logs'", '1 of its subfolders'],
     'drop --from-log text.mcap': ["'text.mcap'", "b'hello'"],
     'report seen.json': ["'seen.json'", 'schema_version'],
-    'report folder': ["'folder'"],
 }
 
 

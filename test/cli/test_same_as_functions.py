@@ -48,6 +48,7 @@ FORECAST_OF = {
     'controller': True,
     'minutes': 0.1,
 }
+WIPER = {'kind': 'wiper', 'height': '12.7mm'}
 DOCUMENTS = {
     'drop, parts wedge': (
         'drop hex_nut --drops 20 --surroundings v_groove --set opening=20deg --friction 0.6',
@@ -66,15 +67,10 @@ DOCUMENTS = {
         lambda: ra.optimise('l_bracket', {'height': '20mm:200mm'}, wanted=[1], budget=2000),
     ),
     'track, simulated parts after an action': (
-        'track hex_nut --trap wiper:height=12.7mm --speed 1 --simulate 1 --before tap --drops 50',
+        'track tetrahedron --trap wiper:height=12.7mm --simulate 1 --before tap --drops 50',
         lambda: ra.track(
-            'hex_nut',
-            {
-                'width': 0.031,
-                'roll': '5deg',
-                'speed': 1,
-                'traps': [{'kind': 'wiper', 'height': '12.7mm'}],
-            },
+            'tetrahedron',
+            {'width': 0.047, 'roll': '5deg', 'traps': [WIPER]},
             drops=50,
             simulate=1,
             before=['tap'],

@@ -1,4 +1,4 @@
-"""Closed streams, full disks, little memory, a deleted working folder: one line, no traceback."""
+"""Closed streams, full disks, little memory: one line, no traceback."""
 
 import json
 import os
