@@ -10,7 +10,6 @@ import time
 from contextlib import suppress
 
 import pytest
-import trimesh
 
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.errors import EngineError
@@ -24,19 +23,6 @@ OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 
 def some_done(line):
     return re.match(r'\w+: [1-9]\d* of \d+ drops  [\d.]+ drops/s$', line)
-
-
-@pytest.fixture
-def disc(tmp_path_factory):
-    """Write a folder of parts with one whose job is larger than a pipe, 64 KiB.
-
-    Such a job once blocked the end of the program for ever.
-    """
-    folder = tmp_path_factory.mktemp('parts')
-    mesh = trimesh.creation.cylinder(radius=10, height=4, sections=130)
-    mesh.export(folder / 'disc.stl')
-    (folder / 'disc.yaml').write_text('unit: mm\n', encoding='utf-8')
-    return folder
 
 
 @pytest.fixture
@@ -57,8 +43,8 @@ def when_some_are_done(number):
 
 
 @pytest.mark.slow
-def test_repeated_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
-    process = begin('drop', 'disc', '--parts', disc, *BULLET, *QUICK[2:], *OUTPUTS)
+def test_repeated_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until):
+    process = begin(*QUICK, *BULLET, *OUTPUTS)
     read_until(process.stderr, some_done)
     while process.poll() is None:
         os.killpg(process.pid, signal.SIGINT)  # all processes, like a terminal
