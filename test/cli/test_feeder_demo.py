@@ -116,6 +116,15 @@ def test_actions_that_happened_are_counted_in_any_order_of_messages():
     assert sent([*results, *seen]) == sent([*seen, *results]) == fields
 
 
+def test_time_begins_with_the_first_image_of_the_camera():
+    cell = Watched()
+    cell.image(10)
+    cell.result(20, PickResult.PICKED, 1)  # the detections of the first image were lost
+    cell.seen(2, 30)
+    assert cell.watch.minutes == pytest.approx(20 / 60)
+    assert cell.watch.picks == 1
+
+
 def test_nodes_are_waited_for_until_they_are_ready(tmp_path, monkeypatch):
     nodes = NodeProcesses(tmp_path)
     nodes._running = {'slow': None}
