@@ -164,7 +164,7 @@ def test_unfinished_log_is_used_with_a_warning(run, log):
 
 def test_file_with_a_name_invalid_in_metadata_is_not_recovered(run, log, tmp_path):
     odd, shown = os.fsdecode(b'\xff'), r'\udcff'
-    folder = log(batches=1).rename(tmp_path / odd)
+    folder = log(batches=0).rename(tmp_path / odd)
     assert f'{shown}/run_0.mcap' in run('info', odd).stdout
     (folder / 'run_0.mcap').rename(folder / f'{odd}.mcap')
     ended = run('recover', odd)
