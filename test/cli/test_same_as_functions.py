@@ -51,9 +51,12 @@ FORECAST_OF = {
 WIPER = {'kind': 'wiper', 'height': '12.7mm'}
 DOCUMENTS = {
     'drop, parts wedge': (
-        'drop hex_nut --drops 20 --surroundings v_groove --set opening=20deg --friction 0.6',
+        'drop hex_nut --drops 9 --surroundings v_groove --set opening=0.3 --interval simultaneous',
         lambda: ra.drop(
-            'hex_nut', 20, surroundings=ra.surroundings('v_groove', opening='20deg'), friction=0.6
+            'hex_nut',
+            9,
+            surroundings=ra.surroundings('v_groove', opening=0.3),
+            interval='simultaneous',
         ),
     ),
     'reorient, precision that is not reached': (
