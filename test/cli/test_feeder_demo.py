@@ -78,7 +78,7 @@ def test_camera_that_waits_for_the_watch_begins_after_all_is_heard():
         assert cell.hears_results
 
 
-def test_actions_that_happened_are_counted_in_any_order_of_messages():
+def test_actions_are_counted_in_any_order_of_messages():
     def sent(order):
         cell = Watched()
         cell.advise(1, PICK, then=FLIP, supply=5)

@@ -69,7 +69,7 @@ finally:
 
 
 @pytest.mark.parametrize(('words', 'expected'), [([], set()), (['drop'], {'drop'})])
-def test_only_the_requested_subcommand_and_nothing_heavy_is_loaded(words, expected):
+def test_only_the_requested_subcommand_is_loaded(words, expected):
     heavy, loaded = loaded_by(*words, '--help')
     assert loaded == expected
     assert heavy <= {'rich'}

@@ -55,7 +55,7 @@ def test_repeated_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until
 
 
 @pytest.mark.slow
-def test_termination_in_surroundings_keeps_the_drops_and_their_contacts(run, saved, at_update):
+def test_termination_keeps_the_drops_and_their_contacts(run, saved, at_update):
     at_update(when_some_are_done(signal.SIGTERM))
     document, _ = saved(run(*QUICK, '--surroundings', 'l_chute', *OUTPUTS), 130)
     at_rest = sum(a['count'] for a in document['aspects']) + document['unclassified']

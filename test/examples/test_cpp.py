@@ -203,7 +203,7 @@ NODES = {
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_node_compiles_and_uses_names_qos_and_fields_of_the_suite(compile_cpp, name):
+def test_node_compiles_and_has_names_and_qos_of_the_suite(compile_cpp, name):
     """With rclcpp the whole node compiles; without it, only rclcpp is missing."""
     path = EXAMPLE / 'src' / f'{name}.cpp'
     done = compile_cpp('-fsyntax-only', path)
