@@ -13,7 +13,6 @@ import subprocess
 import sys
 import termios
 import threading
-import time
 import warnings
 from pathlib import Path
 from unittest import mock
@@ -213,17 +212,9 @@ def _processes():
 
 
 @pytest.fixture(scope='session')
-def wait_until():
+def wait_until(wait):
     """Wait until a condition is true."""
-
-    def wait(what, deadline=DEADLINE):
-        end = time.monotonic() + deadline
-        while not (found := what()):
-            assert time.monotonic() < end, 'it did not come to be'
-            time.sleep(0.01)
-        return found
-
-    return wait
+    return lambda condition: wait(condition, 'it did not come to be')
 
 
 @pytest.fixture(scope='session')
@@ -237,17 +228,6 @@ def read_until():
         raise AssertionError('it ended before')
 
     return read
-
-
-@pytest.fixture
-def wait_for_poses(wait_until, tmp_path):
-    """Wait until a command has written the first poses to its temporary file."""
-
-    def written(name):
-        files = [*tmp_path.glob(f'{name}.*.part.csv')]
-        return any(len(path.read_bytes().splitlines()) > 1 for path in files)
-
-    return lambda name: wait_until(lambda: written(name))
 
 
 @pytest.fixture

@@ -1,69 +1,36 @@
 """`compare` on logs, documents and manual counts, and the files of counts."""
 
+import dataclasses
 import json
-from contextlib import closing
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
-from rclpy.serialization import serialize_message
-from scipy.stats import chi2_contingency, fisher_exact
+from scipy.stats import chi2_contingency
 
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, Qos, Topic
-from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.report.document import distribution_document, to_json
-from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.simulation.job import RunDescription
+from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.distribution import Distribution
 
 COUNTS = [60, 55, 48, 25, 12]
-TOPIC = Topic('/aspect_distributions/l_bracket', DISTRIBUTION_TYPE, Qos(1))
-
-
-@pytest.fixture(scope='module')
-def counted(part):
-    """Return the distribution of counts of the L bracket."""
-    aspects = find_aspects(part('l_bracket'))
-    return lambda counts, *rest: Distribution(aspects, np.array(counts), *(rest or (0, 0, 0)))
-
-
-@pytest.fixture(scope='module')
-def described(surfaces, counted):
-    """Return the description of a run of 200 drops of the L bracket."""
-
-    def run(**changes):
-        fields = {
-            'run_id': '4f1c',
-            'part': 'l_bracket',
-            'part_sha256': counted(COUNTS).aspects.part_sha256,
-            'conditions': surfaces.get(''),
-            'seed': 3,
-            'first_drop': 0,
-            'drops': 200,
-            'precision': 0.0,
-            'engine': 'bullet',
-            'engine_version': '3.2.7',
-            'suite_version': '0.1.0',
-            'time_step': 1 / 3000,
-            'started': 10**18,
-        }
-        return RunDescription(**{**fields, **changes})
-
-    return run
 
 
 @pytest.fixture
-def write_json(counted, described, tmp_path):
-    """Write a document like `drop`."""
+def write_json(part, surfaces, tmp_path):
+    """Write a document of 200 drops of the L bracket like `drop`."""
+    bracket = part('l_bracket')
+    _, planned = plan_run(
+        bracket, surfaces.get(), seed=3, drops=200, run_id='4f1c', started=10**18
+    )
+    counted = Distribution(find_aspects(bracket), np.array(COUNTS), 0, 0, 0)
 
     def write(name, **changes):
-        run = described(**changes)
+        run = dataclasses.replace(planned, **changes)
         given = {'method': 'drops', 'complete': True, 'drops_asked': run.drops}
-        document = distribution_document(counted(COUNTS), run.document() | given)
+        document = distribution_document(counted, run.document() | given)
         (tmp_path / name).write_text(to_json(document), encoding='utf-8')
 
     return write
@@ -85,58 +52,18 @@ def write_csv(folder, text, name='m.csv'):
     (folder / name).write_text(text, encoding='utf-8')
 
 
-def counts_of(document, side):
-    return [aspect[side]['count'] for aspect in document['aspects']]
-
-
 # -- the comparison ------------------------------------------------------------------------------
 
 
-def test_compare_drops_with_manual_counts(run, compared, tmp_path):
-    ended = run('drop', 'l_bracket', '--drops', 125, '--seed', 3, '--json')
-    dropped = json.loads(ended.stdout)
-    write_csv(tmp_path, ended.stdout, 'a')  # any name is accepted
+def test_compare_drops_with_manual_counts(compared, write_json, tmp_path):
+    write_json('a')  # any name is accepted
     write_csv(tmp_path, 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\nunsettled,3\n')
     found, said = compared('a', 'm.csv')
     assert said == ''
-    assert counts_of(found, 'a') == [aspect['count'] for aspect in dropped['aspects']]
-    assert counts_of(found, 'b') == [61, 70, 50, 15, 14]
-    assert (found['a']['drops'], found['b']['drops'], found['b']['unsettled']) == (125, 213, 3)
-    table = [counts_of(found, side) for side in 'ab']
+    table = [[aspect[side]['count'] for aspect in found['aspects']] for side in 'ab']
+    assert table == [COUNTS, [61, 70, 50, 15, 14]]
+    assert (found['a']['drops'], found['b']['drops'], found['b']['unsettled']) == (200, 213, 3)
     assert found['p_value'] == pytest.approx(chi2_contingency(table, correction=False).pvalue)
-    a, b = (np.array(counts) / sum(counts) for counts in table)
-    assert found['total_variation'] == pytest.approx(np.abs(a - b).sum() / 2)
-    assert found['mean_deviation'] == pytest.approx(np.abs(a - b).mean())
-    assert found['largest_deviation']['aspect'] == np.abs(a - b).argmax() + 1
-
-
-def test_p_value_of_few_drops_is_exact_and_reproducible(tmp_path):
-    counts = [3, 1], [1, 4]
-    paths = [tmp_path / 'a', tmp_path / 'b']
-    for path, (one, two) in zip(paths, counts, strict=True):
-        path.write_text(f'aspect,count\n1,{one}\n2,{two}\n')
-    found = compare(*paths).comparison
-    assert found.p_by == 'monte carlo'
-    # For 2 x 2 tables with these margins, Pearson's and Fisher's order agree.
-    assert found.p_value == pytest.approx(fisher_exact(counts).pvalue, abs=0.02)
-    assert compare(*paths).comparison.p_value == found.p_value
-
-
-def test_last_distribution_of_a_log_is_used(compared, write_json, counted, described, tmp_path):
-    with closing(RunLog(tmp_path, 'run')) as log:
-        for k, counts in enumerate(([1, 0, 0, 0, 0], [70, 50, 40, 20, 19])):
-            message = distribution_msg(counted(counts, 1, 0, 0), described(), Time(sec=k), k == 1)
-            log.write(TOPIC, serialize_message(message), k)
-    write_json('b.json', seed=4)
-    found, said = compared('run/run_0.mcap', 'b.json')
-    assert said == ''
-    assert counts_of(found, 'a') == [70, 50, 40, 20, 19]
-    side = found['a']
-    assert (side['drops'], side['unclassified'], side['complete']) == (200, 1, True)
-    # A log and a document describe the aspects equally.
-    swapped, _ = compared('b.json', 'run')
-    for one, other in zip(found['aspects'], swapped['aspects'], strict=True):
-        assert one['down_in_part'] == other['down_in_part']
 
 
 @pytest.mark.parametrize(
@@ -144,7 +71,6 @@ def test_last_distribution_of_a_log_is_used(compared, write_json, counted, descr
     [
         ({}, '200 drops of A and B are the same'),
         ({'run_id': 'other', 'first_drop': 150}, '50 drops of A and B are the same'),
-        ({'first_drop': 200}, ''),
         ({'seed': 4}, ''),
         ({'engine_version': '9'}, '200 drops of A and B start from the same orientations'),
     ],
@@ -208,16 +134,12 @@ def test_counts_in_batches_are_added_up(tmp_path, text):
     ('text', 'said'),
     [
         ('aspect,count\n1,5\ntwo,1\n', ["'two'", 'line 3']),
-        ('aspect,count\n1,5\n0,1\n', ["'0'", 'line 3']),
         ('aspect,count\n1,5\n1,7\n', ["'1'", 'line 3', 'once']),
         ('aspect,count\n1,5\n2,-1\n', ["'-1'", 'line 3', '0 to 100000000']),
         ('aspect,count\n1,5\n2,1.5\n', ["'1.5'", 'line 3']),
-        ('aspect,count\n1,5\n2,1_0\n', ["'1_0'", 'line 3']),
         ('aspect,count\n1,5\n2,' + '9' * 5000, ["'99", "99'", 'line 3']),
         ('aspect,count\n1,5\n2\n', ['columns 1', 'line 3']),
-        ('aspect,count\n1,5\n2,3,4\n', ['columns 3', 'line 3']),
         ('', ["''", 'line 1']),
-        ('1,5\n2,7\n', ["'1, 5'", 'line 1']),
         ('aspect,count,Count\n1,5,5\n', ["'aspect, count, Count'", 'line 1']),
         ('aspect,count\n1,0\nfailed,4\n', ['0 of 4 drops']),
         ('aspect,count\n1,99999999\n2,2\n', ['100000001', '100000000']),

@@ -27,7 +27,6 @@ VARYING = (
 )
 CASES = {
     'drop': 'drop l_bracket --drops 200 --seed 3 --check-convergence --out out',
-    'drop_each': 'drop hex_nut --drops 200 --each --interval simultaneous',
     'drop_in_a_chute': 'drop l_bracket --drops 100 --surroundings l_chute',
     'drop_states': 'drop l_bracket --initial-states states.csv --replicates 3',
     'reorient': 'reorient l_bracket --per-aspect 20 --drops 50 --action tap,toss --wanted 1',

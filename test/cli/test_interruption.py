@@ -6,12 +6,10 @@ Signals come in this process, at a known place, but for one test of each kind wi
 import os
 import re
 import signal
-import subprocess
 import time
 from contextlib import suppress
 
 import pytest
-import trimesh
 
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.errors import EngineError
@@ -21,26 +19,10 @@ from resting_aspects_ros.simulation.workers import MAX_DEATHS
 QUICK = ('drop', 'tetrahedron', '--drops', 2_000_000, '--workers', 2)
 BULLET = ('--engine', 'bullet')  # with worker processes
 OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
-ENOUGH = 600.0  # s; it only finds hangs
 
 
 def some_done(line):
     return re.match(r'\w+: [1-9]\d* of \d+ drops  [\d.]+ drops/s$', line)
-
-
-@pytest.fixture
-def disc(tmp_path_factory):
-    """Write a folder of parts with one whose job is larger than a pipe, 64 KiB.
-
-    Such a job once blocked the end of the program for ever.
-    """
-    folder = tmp_path_factory.mktemp('parts')
-    mesh = trimesh.creation.cylinder(radius=10, height=4, sections=130)
-    mesh.export(folder / 'disc.stl')
-    # Off the middle, so that one aspect is frequent and a precision ends the run early.
-    text = 'unit: mm\ncentre_of_mass: [0, 0, -1.8]\n'
-    (folder / 'disc.yaml').write_text(text, encoding='utf-8')
-    return folder
 
 
 @pytest.fixture
@@ -60,47 +42,25 @@ def when_some_are_done(number):
     return lambda done: done and signal.raise_signal(number)
 
 
-# -- signals -------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
-def test_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until, disc):
-    process = begin('drop', 'disc', '--parts', disc, *BULLET, *QUICK[2:], *OUTPUTS)
+def test_repeated_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until):
+    process = begin(*QUICK, *BULLET, *OUTPUTS)
     read_until(process.stderr, some_done)
-    # Like a terminal, signal all processes.
-    os.killpg(process.pid, signal.SIGINT)
+    while process.poll() is None:
+        os.killpg(process.pid, signal.SIGINT)  # all processes, like a terminal
+        time.sleep(0.02)
     document, lines = ended(process, 130)
     assert document['drops'] > 0
     assert lines[-1] == f'interrupted; the result has {document["drops"]} of 2000000 drops'
 
 
 @pytest.mark.slow
-def test_termination_saves_partial_results(run, saved, at_update):
+def test_termination_keeps_the_drops_and_their_contacts(run, saved, at_update):
     at_update(when_some_are_done(signal.SIGTERM))
-    document, _ = saved(run(*QUICK, *OUTPUTS), 130)
-    assert document['drops'] > 0
-
-
-@pytest.mark.slow
-def test_ctrl_c_in_surroundings_keeps_the_drops_and_their_contacts(run, saved, at_update):
-    at_update(when_some_are_done(signal.SIGINT))
     document, _ = saved(run(*QUICK, '--surroundings', 'l_chute', *OUTPUTS), 130)
     at_rest = sum(a['count'] for a in document['aspects']) + document['unclassified']
     assert at_rest > 0
     assert sum(row['count'] for row in document['contacts']) == at_rest
-
-
-@pytest.mark.slow
-def test_repeated_ctrl_c(begin, ended, read_until):
-    process = begin(*QUICK, *OUTPUTS)
-    read_until(process.stderr, some_done)
-    while process.poll() is None:
-        os.killpg(process.pid, signal.SIGINT)
-        try:
-            process.wait(0.02)
-        except subprocess.TimeoutExpired:
-            continue
-    assert ended(process, 130)[0]['drops'] > 0
 
 
 @pytest.mark.slow
@@ -119,30 +79,26 @@ def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path)
     assert {file.name for file in (tmp_path / 'o').iterdir()} == {'distribution.json', 'poses.csv'}
 
 
-def test_ctrl_c_before_the_first_drop_keeps_earlier_files(run, at_update, tmp_path):
+def test_a_run_without_a_drop_keeps_earlier_files(run, at_update, monkeypatch, tmp_path):
+    def files():
+        return {path: path.read_bytes() for path in tmp_path.rglob('*') if path.is_file()}
+
+    def fail(*_):
+        raise EngineError('no device')
+
     assert run('drop', 'tetrahedron', '--drops', 5, *OUTPUTS).returncode == 0
-    before = {path: path.read_bytes() for path in tmp_path.rglob('*') if path.is_file()}
+    before = files()
     # The first chunk of Bullet takes longer than the time between two updates.
     at_update(lambda done: signal.raise_signal(signal.SIGINT))
     found = run(*QUICK, *BULLET, *OUTPUTS)
     assert (found.returncode, found.stdout) == (130, '')
     assert found.stderr.splitlines()[-1] == 'interrupted before the first drop'
-    assert {path: path.read_bytes() for path in tmp_path.rglob('*') if path.is_file()} == before
-
-
-@pytest.mark.slow
-def test_engine_that_cannot_start_keeps_earlier_files(run, monkeypatch, tmp_path):
-    def fail(*_):
-        raise EngineError('no device')
-
-    words = ('drop', 'tetrahedron', '--drops', 5, '--out', 'o', '--poses', 'p.csv')
-    assert run(*words).returncode == 0
-    before = {path: path.read_bytes() for path in tmp_path.rglob('*') if path.is_file()}
+    assert files() == before
     monkeypatch.setattr('resting_aspects_ros.api.runner.drop_chunks', fail)
-    found = run(*words)
+    found = run('drop', 'tetrahedron', '--drops', 5, *OUTPUTS)
     assert (found.returncode, found.stdout) == (1, '')
     assert found.stderr.splitlines()[-1] == 'error: no device'
-    assert {path: path.read_bytes() for path in before} == before
+    assert files() == before
 
 
 @pytest.mark.slow
@@ -176,50 +132,15 @@ def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
     assert document['drops'] > 4000
 
 
-# -- workers that die ----------------------------------------------------------------------------
-
-
-def workers_of(process, session):
-    processes = session(process.pid).items()
-    return [pid for pid, words in processes if 'simulation.workers ' in ' '.join(words)]
-
-
-@pytest.mark.slow
-def test_large_job_with_a_precision_ends(begin, disc):
-    # At its end, up to 1500 more drops than needed are submitted.
-    process = begin('drop', 'disc', '--parts', disc, '--workers', 2, *BULLET, '--precision', 0.03)
-    printed, errors = process.communicate(timeout=ENOUGH)
-    assert process.returncode == 0, errors
-    assert printed.splitlines()[1].strip() == '1125 drops on rubber_mat, seed 1'
-
-
-@pytest.mark.slow
-def test_killed_worker_costs_no_drop(begin, run, wait_for_poses, session, tmp_path, disc):
-    words = ('drop', 'disc', '--parts', disc, '--drops', 400, '--workers', 2, *BULLET, '--poses')
-    assert run(*words, 'undisturbed.csv').returncode == 0
-    process = begin(*words, 'p.csv')
-    wait_for_poses('p')
-    workers = workers_of(process, session)
-    assert len(workers) == 2
-    os.kill(workers[0], signal.SIGKILL)
-    printed, errors = process.communicate(timeout=ENOUGH)
-    assert process.returncode == 0, errors
-    assert re.search(
-        r'^warning: a worker died near drop \d+ of disc: its drops are repeated$', errors, re.M
-    )
-    assert 'Traceback' not in errors
-    assert printed.splitlines()[1].strip() == '400 drops on rubber_mat, seed 1'
-    assert (tmp_path / 'p.csv').read_bytes() == (tmp_path / 'undisturbed.csv').read_bytes()
-
-
 @pytest.mark.slow
 def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session):
     process = begin(*QUICK, *BULLET, *OUTPUTS)
     read_until(process.stderr, some_done)
     while process.poll() is None:
-        for pid in workers_of(process, session):
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        for pid, words in session(process.pid).items():
+            if 'simulation.workers ' in ' '.join(words):
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
         time.sleep(0.02)
     document, lines = ended(process, 1)
     assert document['drops'] > 0

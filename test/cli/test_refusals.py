@@ -12,10 +12,7 @@ import pytest
 import trimesh
 
 FILES = {
-    'actions.yaml': 'nudge: {kind: kick, speed: 0.01}\n',
     'counts.csv': 'class,count\n1,27\n2,31\n3,22\n4,15\n5,9\n',
-    'aspects.csv': 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\n',
-    'few.csv': 'aspect,count\n1,2\n2,3\n4,4\n',
     'poses.csv': 'qx,qy,qz,qw\n0,0,0,1\n0,0,0,0.99\n',
     'states.csv': 'z_com_m,qx,qy,qz,qw\n0.1,0,0,0,1\n',
     'seen.json': json.dumps({'outer': [[0.1, 0], [0.14, 0], [0.14, 0.02], [0.1, 0.02]]}),
@@ -24,99 +21,59 @@ FILES = {
 CASES = {
     # The command line itself.
     'no_verb': ['no_verb'],
-    '-- drop': ['--'],
-    '--no_flag drop part': ['--no_flag'],
     'drop tetrahedron --friktion 1': ['--friktion', '--friction'],
     'drop tetrahedron --drop 5': ['--drop'],
-    'drop tetrahedron --seed': ['--seed'],
-    "drop tetrahedron '--two\nlines'": ['two lines'],
     'reorient tetrahedron --export map.json': ['--export', 'resting_aspects reorient --help'],
     'forecast tetrahedron --pickable 1 3': ['3', '1,3'],
     'drop tetrahedron --workers 2 --scheduler tcp://127.0.0.1:1': ['--scheduler', '--workers'],
     # Numbers with units.
-    'drop tetrahedron --height 60parsec': ['--height', "'60parsec'"],
-    'drop tetrahedron --height nan': ['--height', "'nan'"],
     'drop tetrahedron --height -3mm': ['height', '-0.003'],
-    'drop tetrahedron --height=-3mm': ['height', '-0.003'],
-    'drop tetrahedron --friction -.5': ['friction', '-0.5'],
-    'drop tetrahedron --drops 1e-3': ['--drops', "'1e-3'"],
     'drop tetrahedron --drops 1e999999999': ['--drops', '1e999999999'],
-    'drop tetrahedron --drops many': ['--drops', "'many'"],
     'drop tetrahedron --confidence 95': ['--confidence', '95'],
-    'drop tetrahedron --height-of top': ['--height-of', 'LOWEST_POINT'],
     'drop tetrahedron --unit mm': ['unit', "'mm'"],
     # Mesh files.
-    'drop missing.stl': ["'missing.stl'"],
-    "drop ''": ["part ''"],
     'track l_bracket --height 60': ['height', 'drop --force', '60mm'],
     'drop box': ["'box'", "'box.obj'"],
-    'drop text.mcap': ["'text.mcap'"],
     'drop': ['part', '--from-log'],
     # Output files are checked before the drops.
-    'drop l_bracket --out text.mcap': ['--out', "'text.mcap'"],
     'drop l_bracket --out text.mcap/below': ['--out', "'text.mcap/below'"],
     'drop l_bracket --out folder': ['--out', "'folder/distribution.png'"],
-    'drop l_bracket --out /proc/self': ['--out', "'/proc/self'"],
     'drop l_bracket --log text.mcap': ['--log', "'text.mcap'"],
-    'drop l_bracket --poses nowhere/p.csv': ['--poses', "'nowhere'"],
-    'drop l_bracket --poses folder': ['--poses', "'folder'"],
     'drop l_bracket --report': ['--report', 'l_bracket'],
     'drop l_bracket --table t.ods': ['--table', "'t.ods'"],
-    'demo --out text.mcap': ['--out', "'text.mcap'"],
-    'outlines washer --counting-sheet no/s.pdf': ['--counting-sheet', "'no'"],
     'outlines washer --counting-sheet s.doc': ['--counting-sheet', "'s.doc'"],
     'request l_bracket --picture nowhere/p.png': ['--picture', "'nowhere/p.png'"],
     # Flags that contradict each other.
     'drop tetrahedron hex_nut --json': ['--json', 'single part'],
-    'drop tetrahedron hex_nut --from-log x': ['--from-log', "'x'"],
     'drop tetrahedron --replicates 2': ['--replicates', '--initial-states'],
-    'drop tetrahedron --noise-velocity 0.1': ['--noise-velocity', '--initial-states'],
-    'drop --from-log log --initial-states states.csv': ['--initial-states', '--from-log'],
-    'drop hex_nut --from-log log': ['PART_OR_MESH', "'hex_nut'", '--from-log'],
     'drop --from-log log --seed 0': ['--seed', "'0'", '--from-log'],
-    'drop --from-log log --set angle=9deg': ['--set', "'angle=9deg'", '--from-log'],
     'drop tetrahedron hex_nut --engine bullet': ['--engine', "'bullet'", 'single part'],
     'drop tetrahedron --initial-states states.csv --height 1m': ['--height', "'1m'"],
     'classify poses.csv --unit mm': ['--unit', "'mm'", '--part'],
     'drift l_bracket counts.csv --expected counts.csv --drops 50': ['--drops', "'50'"],
-    'drift l_bracket counts.csv --expected counts.csv --height 1m': ['--height', "'1m'"],
-    'estimate l_bracket --method guess': ['--method', "'guess'", 'csa'],
-    'forecast l_bracket --pickable 1 --pickable-classes 1': ['--pickable-classes'],
     'forecast l_bracket hex_nut t_prism --pickable 1 --pickable 2': ['--pickable', '2', '3'],
     'forecast l_bracket --pickable 1 --action tap,toss': ['--action', "'tap,toss'"],
     'optimise l_bracket --vary height=1cm:2cm --wanted 1 --actions a.yaml': ['--actions'],
     'outlines washer --px-per-mm 5': ['--px-per-mm', "'5'", '--out'],
+    'optimise l_bracket --vary friction=0.1:0.5 --wanted 1 --budget 2000 --action step_down '
+    '--surroundings v_groove': ['invalid ranges'],
     'reorient l_bracket --action tap,tap': ['--action', "'tap,tap'"],
     'reorient l_bracket --action tap,toss --speed 1': ['--action', '--speed'],
     'report log --part l_bracket': ['--part', "'l_bracket'"],
     'request l_bracket --method csa --surface ice': ['--surface', "'ice'", '--method'],
-    'request l_bracket --method csa --drops 9': ['--drops', "'9'", '--method'],
     'study tetrahedron': ['--vary'],
     'study missing.yaml --vary friction=0.1:0.2': ['--vary', "'missing.yaml'"],
-    'study missing.yaml --set angle=9deg': ['--set', "'angle=9deg'", "'missing.yaml'"],
     'study missing.yaml hex_nut': ["'hex_nut'", "'missing.yaml'"],
     'track hex_nut --on wiper_and_balcony --roll 5deg': ['roll', '--on'],
     # Values that a command parses.
-    'classify poses.csv --tolerance wide': ['--tolerance', "'wide'"],
     'drift l_bracket counts.csv --shift 5': ['--shift', "'5'", '5%'],
-    'feeder_demo --out folder --minutes 1e9': ['--minutes', '1e+09'],
     'feeder_demo --out folder --pickable 9': ['9', '1 to 5'],
     'feeder_demo --out folder --tray 10x10mm': ['tray'],
     'feeder_demo --out folder --place 1s': ['place', 'overlap'],
-    'forecast l_bracket': ['--pickable'],
     'forecast l_bracket --pickable a': ['--pickable', "'a'"],
     'forecast l_bracket --pickable 1 --tray 200mm': ['--tray', "'200mm'"],
-    'forecast l_bracket --pickable 1 --tray 200x200': ['--tray'],
-    'forecast l_bracket --pickable 1 --robot -1s': ['robot', '-1'],
-    'identify l_bracket --polygon seen.json --noise 2px': ['--noise', "'2px'"],
-    'identify l_bracket --polygon seen.json --camera 0,0': ['--camera', "'0,0'"],
     'identify l_bracket --polygon seen.json --camera 0mm,0mm,-1mm': ['--camera'],
-    'optimise l_bracket --vary height=1cm:2cm --wanted all': ['--wanted', "'all'"],
-    'reorient l_bracket --speed 1furlong': ['--speed', "'1furlong'"],
-    'replay text.mcap': ["'text.mcap'"],
     'replay log --rate 1001': ['--rate', "'1001'"],
-    'replay log --rate 2 --as-fast-as-possible': ['--rate'],
-    'replay log --ros-args --bogus': ['--bogus'],
     'request l_bracket --ros-args --bogus': ['--bogus'],
     'studio none.stl': ["'none.stl'", 'l_bracket'],
     'studio --port 70000': ['--port', '70000'],
@@ -126,22 +83,15 @@ CASES = {
     'drop tetrahedron --surroundings': ['l_chute', 'v_groove'],
     'drop tetrahedron --surroundings slope --set angle': ["'angle'", 'NAME=VALUE'],
     'drop tetrahedron --surroundings slope --set angle=9mm': ["'9mm'", 'deg'],
-    'drop tetrahedron --surroundings slope --set angel=9deg': ["'angel'", "'angle'"],
     'drop tetrahedron --surroundings l_chute --set wal.friction=1': ["'wal'", 'belt, wall'],
-    'drop tetrahedron --surroundings l_chute --set kind=wall': ['kind'],
-    'drop tetrahedron --surroundings pocket --set unit=um': ['unit'],
     'drop tetrahedron --set angle=9deg': ["'angle=9deg'", '--surroundings'],
     'reorient l_bracket --action nozzle': ['impulse', 'nozzle'],
     # Files that only commands read.
-    'classify poses.csv': ["'poses.csv' line 3", '0.99'],
-    'classify q.csv': ["'q.csv'"],
-    'compare aspects.csv few.csv': ["'few.csv'", '1, 2, 4', "'aspects.csv'", '3, 5'],
-    'compare aspects.csv nowhere': ["'nowhere'"],
-    'drift l_bracket counts.csv --expected none.json': ["'none.json'"],
-    'drift l_bracket aspects.csv': ['column'],
-    'recover folder': ["'folder'"],
+    'recover folder': ["'folder'", 'no .mcap file'],
+    'info nowhere': ["'nowhere'", 'No such file'],
+    'info logs': ["'logs'", '1 of its subfolders'],
+    'drop --from-log text.mcap': ["'text.mcap'", "b'hello'"],
     'report seen.json': ["'seen.json'", 'schema_version'],
-    'report folder': ["'folder'"],
 }
 
 
@@ -151,90 +101,66 @@ def test_wrong_input_is_refused(refused, tmp_path, command):
         (tmp_path / name).write_text(text, encoding='utf-8')
     (tmp_path / 'folder' / 'distribution.png').mkdir(parents=True)
     trimesh.creation.box((10, 20, 30)).export(tmp_path / 'box.obj')
-    (tmp_path / 'log').mkdir()
+    for folder in ('log', 'logs/a'):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / 'logs' / 'a' / 'a_0.mcap').touch()
     (tmp_path / 'out').touch()  # in place of the default folder
     line = refused(*shlex.split(command))
     for said in CASES[command]:
         assert said in line
 
 
-ROUND = 'facet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex nan 0 0\nvertex 0 1 0\nendloop\n'
 DAMAGED = [
-    ('drop', '', 'broken.stl', 'hello', 'broken.stl'),
-    ('drop', '', 'nan.stl', f'solid a\n{ROUND}endfacet\nendsolid a\n', 'finite'),
-    ('drop', '', 'model.sldprt', 'x', 'STL'),
+    ('drop', 'broken.stl', 'hello', 'broken.stl'),
+    ('drop', 'model.sldprt', 'x', 'STL'),
+    ('reorient tetrahedron --actions', 'a.yaml', 'tap: {kind: jump}', "'jump'"),
     *(
-        ('reorient tetrahedron', '--actions', 'a.yaml', text, said)
-        for text, said in (
-            ('', 'mapping'),
-            ('tap: {kind: jump}', "'jump'"),
-            ('tap: {kind: kick, sped: 1}', "'sped'"),
-            ('tap: {kind: kick, time: -1}', 'time'),
-            ('1: {kind: kick}', 'name'),
-            ('tap: [', 'YAML'),
-        )
-    ),
-    *(
-        ('drop tetrahedron', '--initial-states', 's.csv', text, said)
+        ('drop tetrahedron --initial-states', 's.csv', text, said)
         for text, said in (
             ('z_com_m,qx,qy,qz,qw\n', 'at least one'),
             ('z,qx,qy,qz,qw\n0.1,0,0,0,1\n', 'z_com_m'),
             ('z_com_m,qx,qy,qz,qw\n0.1,0,0,0,2\n', 'quaternion'),
             ('z_com_m,qx,qy,qz,qw\na,0,0,0,1\n', "z_com_m 'a'"),
-            ('z_com_m,qx,qy,qz,qw\nnan,0,0,0,1\n', 'finite'),
-            ('z_com_m,qx,qy,qz,qw\n0.1,0,0,1\n', 'columns 4'),
             ('z_com_m,qx,qy,qz,qw,qw\n0.1,0,0,0,1,1\n', 'qw'),
             ('z_com_m,qx,qy,qz,qw,vx\n0.1,0,0,0,1,1e9\n', 'impact speed'),
         )
     ),
-    *(
-        ('identify l_bracket', '--polygon', 'p.json', text, said)
-        for text, said in (
-            ('[1, 2', 'JSON'),
-            ('{}', 'outer'),
-            ('{"outer": [[' + '9' * 400 + ', 0], [1, 0], [1, 1]]}', 'finite'),
-            ('{"outlines": []}', 'outlines'),
-        )
-    ),
+    ('identify l_bracket --polygon', 'p.json', '[1, 2', 'JSON'),
+    ('identify l_bracket --polygon', 'p.json', '{}', 'outer'),
 ]
 
 
-@pytest.mark.parametrize(('command', 'flag', 'name', 'text', 'said'), DAMAGED)
-def test_damaged_file_is_refused(refused, tmp_path, command, flag, name, text, said):
+@pytest.mark.parametrize(('command', 'name', 'text', 'said'), DAMAGED)
+def test_damaged_file_is_refused(refused, tmp_path, command, name, text, said):
     (tmp_path / name).write_text(text, encoding='utf-8')
-    assert said in refused(*command.split(), *flag.split(), name)
+    assert said in refused(*command.split(), name)
 
 
-def test_only_a_regular_file_is_read(refused, tmp_path):
-    os.mkfifo(tmp_path / 'pipe')
-    with (tmp_path / 'large').open('wb') as file:
-        file.truncate(1 << 40)
-    for words in (('report',), ('classify',)):
-        for name in ('pipe', '/dev/zero', 'large'):
-            assert repr(name) in refused(*words, name)
-
-
-LONG = 'x' * 1_000_000
-ODD = 'a\x1b[31m\x07b'
-
-
-@pytest.mark.parametrize('value', [LONG, ODD, 'a b ' * 200_000], ids=['long', 'odd', 'words'])
 @pytest.mark.parametrize(
     'words',
     [
-        '{}',
         'aspects tetrahedron --unit {}',
         'aspects tetrahedron --{}',
         'drop tetrahedron --drops {}',
-        'drop tetrahedron --friction {}',
-        'drop tetrahedron --interval {}',
-        'classify {}',
         'compare {} {}',
-        'estimate tetrahedron --method {}',
         'request tetrahedron --method rolling --surface {}',
     ],
 )
-def test_errors_are_short_and_printable_for_any_input(refused, value, words):
-    line = refused(*(word.format(value) for word in words.split()))
-    assert line.isprintable()
-    assert len(line) <= 2100
+def test_errors_are_short_and_printable_for_any_input(refused, words):
+    for value in ('x' * 1_000_000, 'a\x1b[31m\x07b', 'a b ' * 200_000):
+        line = refused(*(word.format(value) for word in words.split()))
+        assert line.isprintable()
+        assert len(line) <= 2100
+
+
+@pytest.mark.parametrize(
+    'words',
+    ['replay {}', 'nodes --ros-args -p log_folder:={}', 'request a --ros-args -r __ns:=/{}'],
+)
+def test_name_invalid_in_ros_is_refused(refused, tmp_path, words):
+    odd = os.fsdecode(b'\xff')
+    (tmp_path / odd).mkdir()
+    (tmp_path / odd / 'run_0.mcap').touch()
+    said = refused(*words.format(odd).split())
+    assert r'\udcff' in said
+    assert 'UTF-8' in said

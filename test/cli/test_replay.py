@@ -1,4 +1,4 @@
-"""`resting_aspects replay`: wrong input, progress and end of the command."""
+"""`resting_aspects replay`: its progress and its end."""
 
 import os
 import re
@@ -6,41 +6,21 @@ import signal
 from contextlib import closing
 
 import pytest
-from rclpy.serialization import serialize_message
 
 from resting_aspects_ros.logs.topics import Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
-from resting_aspects_ros.ros.conversions import poses_msgs, time_msg
-from resting_aspects_ros.simulation.job import plan_run
-from resting_aspects_ros.simulation.workers import drop_range
-
-DROPS, BATCH = 100, 20
-
-
-@pytest.fixture
-def log(tmp_path, part, surfaces):
-    """Write a log with five batches, half a second apart."""
-    job, run = plan_run(
-        part('tetrahedron'), surfaces.get(), seed=1, drops=DROPS, run_id='run', started=10**18
-    )
-    poses = drop_range(job, 0, DROPS)
-    topic = Topic('/resting_poses', 'resting_aspects_interfaces/msg/RestingPoses', Qos(2000))
-    with closing(RunLog(tmp_path, 'log')) as log:
-        for first in range(0, DROPS, BATCH):
-            (batch,) = poses_msgs(
-                poses.between(first, first + BATCH), run, time_msg(1), last=False
-            )
-            log.write(topic, serialize_message(batch), first * 5 * 10**8 // BATCH)
-    return 'log'
-
-
-ROS = ('--ros-args', '-r', f'__ns:=/replay_{os.getpid()}')
 
 
 @pytest.mark.slow
-def test_a_terminal_gets_a_bar_with_the_position(begin, terminal, log, wait_until):
+def test_a_terminal_gets_a_bar_with_the_position(begin, terminal, wait_until, tmp_path):
+    topic = Topic('/chatter', 'std_msgs/msg/String', Qos(10))
+    with closing(RunLog(tmp_path, 'log')) as log:
+        for k in range(5):
+            log.write(topic, b'\0\1\0\0\5\0\0\0four\0', k * 5 * 10**8)
+    namespace = f'__ns:=/replay_{os.getpid()}'
     with terminal() as (theirs, shown):
-        process = begin('replay', log, '--rate', 2, *ROS, stderr=theirs)
+        words = ('replay', 'log', '--rate', 2, '--ros-args', '-r', namespace)
+        process = begin(*words, stderr=theirs)
         os.close(theirs)
         wait_until(lambda: b'replayed in' in shown)
         process.send_signal(signal.SIGTERM)

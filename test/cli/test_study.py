@@ -1,25 +1,43 @@
-"""The command `study`: its folder, its findings, and wrong input."""
+"""The command `study`: its folder, its findings, and surfaces of one's own."""
 
 import csv
-import json
 
 import pytest
+import yaml
 
-FEW = ('--points', '2', '--drops', '20', '--workers', '1')
-VARY = ('--vary', 'restitution=0.1:0.4', '--vary', 'friction=0.2:0.5')
-LOW = ('--height', '30mm')
+from resting_aspects_ros.api.conditions import shipped_surfaces
+from resting_aspects_ros.simulation.conditions import QUANTITIES
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A file with one surface, ice, as `calibrate` writes it: without those of the suite."""
+    mat = shipped_surfaces().get()
+    entry = {name: getattr(mat, name) for name in QUANTITIES} | {
+        'height_of': 'LOWEST_POINT',
+        'friction': 0.02,
+        'uncertainty': {'friction': [0.3 + k / 100 for k in range(8)]},
+    }
+    path = tmp_path / 'own.yaml'
+    path.write_text(yaml.safe_dump({'ice': entry}), encoding='utf-8')
+    return path
 
 
 @pytest.mark.slow
-def test_study_writes_its_folder_and_continues_it(run, tmp_path):
-    first = run('study', 'tetrahedron', *VARY, *FEW, *LOW, '--out', 'out')
+def test_study_writes_its_folder_and_continues_it(run, own, tmp_path):
+    words = ('--vary', 'restitution=0.1:0.4', '--vary', 'height=20mm:40mm')
+    few = ('--points', '2', '--drops', '20', '--workers', '1', '--out', 'out')
+    first = run('study', 'tetrahedron', *words, *few, '--surfaces', own, '--surface', 'ice')
     assert first.returncode == 0, first.stderr
-    for name in ('Restitution', 'Friction'):
-        assert f'* {name}' in first.stdout
+    assert '* Restitution' in first.stdout
+    assert first.stdout.count('\n* ') == 2
     assert 'Report: out/page.html' in first.stdout
     names = {path.name for path in (tmp_path / 'out').iterdir()}
     assert {'study.yaml', 'points.jsonl', 'results.csv', 'page.html', 'parts'} <= names
+    written = yaml.safe_load((tmp_path / 'out' / 'study.yaml').read_text(encoding='utf-8'))
+    assert (written['surface'], written['conditions']['friction']) == ('ice', 0.02)
     before = (tmp_path / 'out/points.jsonl').read_bytes()
+    own.unlink()  # it is continued without this file
     more = run('study', 'out/study.yaml', '--points', '3', '--workers', '1')
     assert more.returncode == 0, more.stderr
     assert (tmp_path / 'out/points.jsonl').read_bytes().startswith(before)
@@ -29,12 +47,3 @@ def test_study_writes_its_folder_and_continues_it(run, tmp_path):
     page = (tmp_path / 'out/page.html').read_text()
     assert 'Sobol indices' in page
     assert 'http' not in page.replace('http://www.w3.org', '').replace('https://www.w3.org', '')
-
-
-def test_folder_of_other_versions_is_refused(run, tmp_path):
-    header = {'schema_version': 2, 'versions': {'numpy': '1.0'}}
-    (tmp_path / 'out').mkdir()
-    (tmp_path / 'out/points.jsonl').write_text(json.dumps(header) + '\n')
-    ended = run('study', 'tetrahedron', *VARY, *FEW, '--out', 'out')
-    assert ended.returncode == 2
-    assert 'drops of two versions do not belong together' in ended.stderr

@@ -32,7 +32,6 @@ print(json.dumps(ended))
 """
 RUN = [
     'drop hex_nut --drops 300 --report --out nut --table nut.xlsx',
-    'aspects l_bracket',
     'reorient tetrahedron --per-aspect 5 --drops 20',
 ]
 NEED_ROS = [
@@ -42,44 +41,30 @@ NEED_ROS = [
 REFUSED = [*NEED_ROS, 'drop tetrahedron --drops 10 --log logs']
 
 
-@pytest.fixture(scope='module')
-def ended(tmp_path_factory, environment):
-    """Run all commands in one process; returns the folder, and code and output by command."""
-    folder = tmp_path_factory.mktemp('hidden')
+@pytest.mark.slow
+def test_commands_run_without_ros_or_name_what_is_missing(run, environment, tmp_path):
     commands = [*RUN, *REFUSED]
     words = json.dumps([command.split() for command in commands])
     process = subprocess.run(
         [sys.executable, '-c', CODE, words],
-        cwd=folder,
+        cwd=tmp_path,
         env=environment,
         capture_output=True,
         text=True,
         check=False,
     )
     assert process.returncode == 0, process.stderr
-    return folder, dict(zip(commands, json.loads(process.stdout), strict=True))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('command', RUN)
-def test_commands_without_ros_run(ended, command):
-    code, _, errors = ended[1][command]
-    assert code == 0, errors
-
-
-@pytest.mark.slow
-def test_drops_have_the_same_answer(ended, run):
-    folder, found = ended
+    ended = dict(zip(commands, json.loads(process.stdout), strict=True))
+    for command in RUN:
+        code, _, errors = ended[command]
+        assert code == 0, errors
     here = run('drop', 'hex_nut', '--drops', '300').stdout.splitlines()[:8]
-    assert found[RUN[0]][1].splitlines()[:8] == here
-    names = {path.name for path in (folder / 'nut').iterdir()}
+    assert ended[RUN[0]][1].splitlines()[:8] == here
+    names = {path.name for path in (tmp_path / 'nut').iterdir()}
     assert names >= {'report.html', 'distribution.json', 'poses.csv'}
-    (sheet,) = openpyxl.load_workbook(folder / 'nut.xlsx')
+    (sheet,) = openpyxl.load_workbook(tmp_path / 'nut.xlsx')
     assert sheet['H4'].value == 300
-
-
-@pytest.mark.parametrize('command', REFUSED)
-def test_commands_of_ros_state_what_is_missing(ended, command):
-    code, _, errors = ended[1][command]
-    assert (code, len(errors.splitlines())) == (1, 1)
-    assert 'rclpy' in errors or 'builtin_interfaces' in errors
+    for command in REFUSED:
+        code, _, errors = ended[command]
+        assert (code, len(errors.splitlines())) == (1, 1)
+        assert 'rclpy' in errors or 'builtin_interfaces' in errors
