@@ -1,5 +1,8 @@
 """Drops of example parts, for the tests of the engines."""
 
+import math
+
+import numpy as np
 import pytest
 
 from resting_aspects_ros.simulation.job import make_job
@@ -9,6 +12,20 @@ from resting_aspects_ros.simulation.workers import drop_range
 @pytest.fixture(scope='module')
 def mat(surfaces):
     return surfaces.get('rubber_mat')
+
+
+@pytest.fixture(scope='session')
+def assert_deviations():
+    """Hold samples (n, k) to the mean and the standard deviation of each column."""
+
+    def check(samples, means, deviations):
+        n, deviations = len(samples), np.array(deviations)
+        # Four standard errors: of the mean s / sqrt(n), of s about s / sqrt(2 n).
+        assert (np.abs(samples.mean(axis=0) - means) < 4 * deviations / math.sqrt(n)).all()
+        off = np.abs(samples.std(axis=0) - deviations)
+        assert (off < 4 * deviations / math.sqrt(2 * n)).all()
+
+    return check
 
 
 @pytest.fixture(scope='module')

@@ -43,38 +43,22 @@ def hull_in_tray(part, poses):
     return part.hull_vertices @ matrices.transpose(0, 2, 1) + poses.position[:, None]
 
 
+def scaled(shape, solid, factor):
+    """The part with all lengths multiplied."""
+    return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
+
+
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('shape', 'faces', 'engine', 'n'),
-    [('tetrahedron', 4, KERNEL, 5000), ('cube', 6, KERNEL, 5000), ('tetrahedron', 4, BULLET, 250)],
-)
-def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces, engine, n):
-    body = solid(trimesh.creation.box((20, 20, 20))) if shape == 'cube' else part(shape)
-    found = count_poses(find_aspects(body), drop(body, n, engine=engine))
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 250)])
+def test_faces_of_a_tetrahedron_are_equally_probable(drop, part, engine, n):
+    shape = part('tetrahedron')
+    found = count_poses(find_aspects(shape), drop(shape, n, engine=engine))
     # Rolling friction can hold a part that balances on an edge.
     assert found.counts.sum() >= (1 - BALANCED) * n
     assert chisquare(found.counts).pvalue > LEVEL
-    # Each interval of 95 % misses the truth once in twenty: of these few at most one does.
-    outside = [not i.lower <= 1 / faces <= i.upper for i in found.intervals()]
-    assert sum(outside) <= 1
-    assert len(outside) == faces
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 250)])
-def test_all_five_aspects_of_the_l_bracket_appear(drop, part, engine, n):
-    shape = part('l_bracket')
-    found = count_poses(find_aspects(shape), drop(shape, n, engine=engine))
-    assert (found.unsettled, found.failed) == (0, 0)
-    assert found.unclassified <= BALANCED * n
-    # The rarest, 0.07, is missing among 250 drops once in 10^8 times.
-    assert found.counts.min() > 0
-    # Mirror images, the two large sides, are alike: their difference is binomial.
-    a, b = found.counts[:2]
-    assert abs(int(a) - int(b)) < 3.3 * math.sqrt(a + b)
 
 
 @pytest.mark.quick_cases(1)
@@ -126,16 +110,7 @@ def test_scaled_part_height_and_gravity_give_scaled_poses(part, solid, mat, engi
     shape = part('l_bracket')
     weak = mat.changed(height=4 * mat.height, gravity=mat.gravity / 4)
     a, b = (
-        drop_range(
-            make_job(
-                solid(trimesh.Trimesh(1e3 * factor * shape.vertices, shape.faces, process=False)),
-                conditions,
-                1,
-                engine=engine,
-            ),
-            0,
-            n,
-        )
+        drop_range(make_job(scaled(shape, solid, factor), conditions, 1, engine=engine), 0, n)
         for factor, conditions in ((1, mat), (4, weak))
     )
     np.testing.assert_array_equal(b.orientation, a.orientation)
@@ -143,33 +118,15 @@ def test_scaled_part_height_and_gravity_give_scaled_poses(part, solid, mat, engi
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 4)  # T = sqrt(R / g)
 
 
-def paired(ids, others):
-    """The probability of such changes of the aspects of the same drops, if none is preferred.
-
-    Of the drops that change, those that come to an aspect and those that leave it are the same
-    number but for chance (Stuart 1955).
-    """
-    aspects = max(ids.max(), others.max()) + 1
-    moves = np.zeros((aspects, aspects))
-    np.add.at(moves, (ids, others), 1)
-    excess = (moves.sum(axis=0) - moves.sum(axis=1))[:-1]
-    both = moves + moves.T
-    covariance = (np.diag(both.sum(axis=1)) - both)[:-1, :-1]
-    freedom = np.linalg.matrix_rank(covariance)
-    statistic = excess @ np.linalg.pinv(covariance) @ excess
-    return float(chi2.sf(statistic, freedom)) if freedom else 1.0
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
-def test_finer_steps_change_few_drops_and_no_share(drop, part, mat, name):
+def test_finer_steps_change_few_drops(drop, part, mat, name):
     shape, n = part(name), 5000
     fine = make_job(shape, mat, 1, refinement=4)
     assert fine.time_step == make_job(shape, mat, 1).time_step / 4
     aspects = find_aspects(shape)
     ids, others = (aspect_ids(aspects, p) for p in (drop(shape, n), drop_range(fine, 0, n)))
     assert (ids != others).mean() < 0.02
-    assert paired(ids, others) > LEVEL
 
 
 @pytest.mark.slow
@@ -257,17 +214,20 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
 
 
 @pytest.mark.slow
-def test_the_lowest_of_many_close_corners_is_found(solid, surfaces):
-    # Neighbours so close to each other that facets are flat only within the tolerance.
+def test_the_lowest_of_many_close_corners_is_found(solid, mat):
+    # Neighbours so close to each other that facets are flat only within the tolerance, and more
+    # corners than a hull has.
     points = np.random.default_rng(7).normal(size=(3000, 3))
     points *= np.array([10, 8, 6]) / np.linalg.norm(points, axis=1, keepdims=True)
-    shape = solid(trimesh.convex.convex_hull(points))
-    job = make_job(shape, surfaces.get(), 1)
-    for engine, n in ((KERNEL, 100), (BULLET, 1)):
-        poses = drop_range(dataclasses.replace(job, engine=engine), 0, n)
-        assert (poses.status == RestStatus.SETTLED).all()
-        lowest = hull_in_tray(shape, poses)[..., 2].min(axis=1)
-        assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
+    for mesh in (trimesh.convex.convex_hull(points), trimesh.creation.icosphere(5, 10.0)):
+        shape = solid(mesh)
+        assert len(shape.hull_vertices) == 3000
+        job = make_job(shape, mat.changed(rolling_friction=0.05), 1)
+        for engine, n in ((KERNEL, 50), (BULLET, 1)):
+            poses = drop_range(dataclasses.replace(job, engine=engine), 0, n)
+            assert (poses.status == RestStatus.SETTLED).all()
+            lowest = hull_in_tray(shape, poses)[..., 2].min(axis=1)
+            assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
 
 
 @pytest.mark.parametrize('which', range(4))
@@ -276,12 +236,12 @@ def test_a_part_on_a_small_side_comes_to_rest(solid, mat, which):
     job = make_job(solid(random_solid(which)), mat, 1, until_still=True)
     poses = drop_range(job, 0, 100)
     assert (poses.status == RestStatus.SETTLED).all()
-    assert np.isfinite(poses.orientation).all()
 
 
 ON_SURFACES = [
-    *((name, 'rubber_mat') for name in EXAMPLES),
-    *(('l_bracket', surface) for surface in ('steel', 'thrown')),
+    *((name, 'rubber_mat', KERNEL) for name in EXAMPLES),
+    *(('l_bracket', surface, KERNEL) for surface in ('steel', 'thrown')),
+    ('l_bracket', 'rubber_mat', BULLET),
 ]
 
 
@@ -289,26 +249,28 @@ ON_SURFACES = [
 
 
 @pytest.mark.quick_cases(4)
-@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
-def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface):
+@pytest.mark.parametrize(('name', 'surface', 'engine'), ON_SURFACES)
+def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface, engine):
     # The same drops, bit for bit, run on. A rule that is wrong once in 100 drops would pass once
     # in 150 times; `make validate` makes more.
     shape, conditions = part(name), surfaces.get(surface)
     # Those that roll run on for long.
-    n = 200 if name in ('cylinder_d20_h20', 'washer') else 500
+    n = 50 if engine == BULLET else 200 if name in ('cylinder_d20_h20', 'washer') else 500
     decided, still = (
-        drop_range(make_job(shape, conditions, 1, until_still=wait), 0, n)
+        drop_range(make_job(shape, conditions, 1, until_still=wait, engine=engine), 0, n)
         for wait in (False, True)
     )
     assert (decided.decided_by == DecidedBy.ENERGY).mean() > 0.9
     assert (still.decided_by == DecidedBy.STILLNESS).all()
     assert (still.status == RestStatus.SETTLED).all()
-    # No impact adds energy. Heights are as accurate as the distance at which corners touch.
-    assert decided.energy_growth.min() >= 0
-    assert decided.energy_growth.max() < kernel_data.GAP
+    if engine == KERNEL:
+        # No impact adds energy. Heights are as accurate as the distance at which corners touch.
+        assert decided.energy_growth.min() >= 0
+        assert decided.energy_growth.max() < kernel_data.GAP
     unit = math.sqrt(shape.hull_radius / conditions.gravity)
     later = still.time_to_rest - decided.time_to_rest
-    assert (later > -kernel.QUIET * unit).all()
+    delay = settling.CHECK_INTERVAL if engine == BULLET else kernel.QUIET
+    assert (later >= -delay * unit).all()
     aspects = find_aspects(shape)
     ids, expected = (aspects.classify(poses.orientation) for poses in (decided, still))
     np.testing.assert_array_equal(ids, expected)
@@ -316,23 +278,6 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
     assert len(np.unique(decided.orientation, axis=0)) == n
     if surface == 'thrown':  # where parts slide far
         assert decided.time_to_rest.mean() < still.time_to_rest.mean() / 1.5
-
-
-@pytest.mark.slow
-def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, mat):
-    shape, n = part('l_bracket'), 50
-    decided = drop(shape, n, engine=BULLET)
-    job = make_job(shape, mat, 1, until_still=True, engine=BULLET)
-    still = drop_range(job, 0, n)
-    assert (decided.decided_by == DecidedBy.ENERGY).mean() > 0.9
-    assert (still.decided_by == DecidedBy.STILLNESS).all()
-    assert (still.status == RestStatus.SETTLED).all()
-    later = still.time_to_rest - decided.time_to_rest
-    assert (later >= -settling.CHECK_INTERVAL * job.time_unit).all()
-    aspects = find_aspects(shape)
-    np.testing.assert_array_equal(
-        aspects.classify(decided.orientation), aspects.classify(still.orientation)
-    )
 
 
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
@@ -373,14 +318,10 @@ def test_threads_make_the_same_drops_at_the_same_time(part, surfaces, assert_sam
             assert_same_poses(poses, whole[k].between(first, end))
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 2 * GROUP)])
-def test_drops_differ_by_seed_and_index(drop, part, mat, engine, n):
-    shape = part('l_bracket')
-    whole = drop(shape, n, engine=engine)
-    other = drop_range(make_job(shape, mat, 2, engine=engine), 0, n)
-    assert (other.orientation != whole.orientation).any(axis=1).all()
-    assert len(np.unique(whole.orientation, axis=0)) == n
+def test_drops_differ_by_seed_and_index(part, mat):
+    runs = [drop_range(make_job(part('l_bracket'), mat, seed), 0, 1000) for seed in (1, 2)]
+    orientations = np.concatenate([poses.orientation for poses in runs])
+    assert len(np.unique(orientations, axis=0)) == 2000
 
 
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
@@ -454,19 +395,6 @@ def test_memory_of_bullet_does_not_grow_with_the_number_of_chunks(solid, mat):
     assert after - before < 50_000
 
 
-def scaled(shape, solid, factor):
-    """The part with all lengths multiplied."""
-    return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
-
-
-@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
-def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
-    poses = drop_range(make_job(part(name), surfaces.get(surface), 1), 0, 500)
-    assert (poses.energy_growth >= 0).all()
-    # Heights are as accurate as the distance at which corners touch.
-    assert poses.energy_growth.max() < kernel_data.GAP
-
-
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 25)])
 @pytest.mark.parametrize(('scale', 'height'), [(20, 2.0), (0.05, 1e-3)])
 def test_very_small_and_very_large_parts_rest_in_an_aspect(
@@ -476,15 +404,3 @@ def test_very_small_and_very_large_parts_rest_in_an_aspect(
     shape = scaled(part('l_bracket'), solid, scale)
     poses = drop_range(make_job(shape, mat.changed(height=height), 1, engine=engine), 0, n)
     assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
-
-
-@pytest.mark.slow
-def test_hull_with_many_vertices_is_supported(solid, mat):
-    ball = solid(trimesh.creation.icosphere(5, 10.0))
-    assert len(ball.hull_vertices) == 3000  # of 10242
-    for engine, n in ((KERNEL, 50), (BULLET, 1)):
-        job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=engine)
-        poses = drop_range(job, 0, n)
-        assert (poses.status == RestStatus.SETTLED).all()
-        height = poses.position[:, 2] + rotate(poses.orientation, ball.centre_of_mass)[:, 2]
-        assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, chi2_contingency, kstest
 
-from resting_aspects_ros.api.runner import TransitionTally
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
@@ -24,13 +23,12 @@ from resting_aspects_ros.simulation.actions import (
     Vibration,
 )
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL, actions_file
-from resting_aspects_ros.simulation.job import make_job, plan_run
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.starts import Action, rest_starts
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestStatus
-from resting_aspects_ros.statistics.transitions import no_actions
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3
@@ -91,19 +89,14 @@ def test_velocity_is_the_derivative_of_the_pose(frequency, periods, sizes, phase
     np.testing.assert_allclose(turn, spin[0], atol=1e-6 * fastest)
 
 
-def test_motion_begins_and_ends_at_rest_in_the_tray_frame():
+def test_motion_begins_and_ends_at_rest_and_has_its_amplitudes():
     time = np.array([-1.0, 0.0, STRONG.duration, STRONG.duration + 1])
     position, orientation = STRONG.pose(time)
     np.testing.assert_array_equal(position, 0)
     np.testing.assert_array_equal(orientation, [[0, 0, 0, 1]] * 4)
-    for values in STRONG.velocity(time):
-        np.testing.assert_array_equal(values, 0)
-
-
-def test_amplitudes_are_reached_between_the_ramps():
+    np.testing.assert_array_equal(STRONG.velocity(time), np.zeros((2, 4, 3)))
     ramp = RAMP_PERIODS / STRONG.frequency
-    time = np.linspace(ramp, STRONG.duration - ramp, 4001)
-    position, orientation = STRONG.pose(time)
+    position, orientation = STRONG.pose(np.linspace(ramp, STRONG.duration - ramp, 4001))
     assert np.abs(position).max(axis=0) == pytest.approx([5e-4, 0, 2e-3], rel=1e-5)
     turn = Rotation.from_quat(orientation).as_rotvec()
     assert np.abs(turn).max(axis=0) == pytest.approx([1e-3, 5e-4, 0], rel=1e-5)
@@ -270,29 +263,18 @@ def test_parts_start_at_uniform_places_of_the_plate(part, mat):
     assert not states.spin.any()
 
 
-def transitions(part, conditions, n, **options):
-    """Counts of start and end aspects; the parts that were lost are the first column."""
-    poses = drop_range(vibration_job(part, conditions, STRONG, **options), 0, n)
-    counts = np.zeros((5, 6))
-    np.add.at(counts, (np.arange(n) % 5, aspect_ids(find_aspects(part), poses)), 1)
-    assert counts.sum(axis=0).min() > 0
-    return counts
-
-
-def same_rows(counts, others):
-    """The probability of such differences of the rows if both have the same distributions."""
-    statistic = freedom = 0.0
-    for table in np.stack([counts, others], axis=1):
-        found = chi2_contingency(table[:, table.sum(axis=0) > 0])
-        statistic, freedom = statistic + found.statistic, freedom + found.dof
-    return chi2.sf(statistic, freedom)
-
-
 @pytest.mark.slow
 def test_finer_steps_keep_the_transitions(part, mat):
-    shape = part('l_bracket')
-    counts = [transitions(shape, mat, 1000, refinement=refinement) for refinement in (1, 4)]
-    assert same_rows(*counts) > LEVEL
+    shape, n = part('l_bracket'), 1000
+    starts, counts = np.arange(n) % 5, []
+    for refinement in (1, 4):
+        poses = drop_range(vibration_job(shape, mat, STRONG, refinement=refinement), 0, n)
+        counts.append(np.zeros((5, 6)))
+        np.add.at(counts[-1], (starts, aspect_ids(find_aspects(shape), poses)), 1)
+    # Each start aspect is compared; the parts that were lost are the first column.
+    found = [chi2_contingency(rows[:, rows.sum(axis=0) > 0]) for rows in np.stack(counts, axis=1)]
+    freedom = sum(each.dof for each in found)
+    assert chi2.sf(sum(each.statistic for each in found), freedom) > LEVEL
 
 
 @pytest.mark.quick_cases(1)
@@ -307,16 +289,11 @@ def test_actions_do_not_depend_on_other_actions(part, mat, assert_same_poses, en
 
 
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 200), (BULLET, 25)])
-def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
+def test_lost_parts_left_the_plate(part, mat, engine, n):
     shape = part('l_bracket')
     # While the plate moves along, its edge does, too.
     small = dataclasses.replace(STRONG, plate_size=0.05, horizontal_amplitude=0.0)
-    aspects = find_aspects(shape)
-    starts = rest_starts(shape, aspects, small, mat)
-    job, run = plan_run(
-        shape, mat, seed=1, drops=n, run_id='', started=0, starts=starts, engine=engine
-    )
-    poses = drop_range(job, 0, n)
+    poses = drop_range(vibration_job(shape, mat, small, engine=engine), 0, n)
     centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)
     beyond = np.abs(centre[:, :2]).max(axis=1) - 0.05 / 2
     lost = poses.status == RestStatus.LOST
@@ -324,10 +301,6 @@ def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
     assert beyond[~lost].max() < 0
     assert n / 8 < lost.sum() < n
     assert (poses.status[~lost] == RestStatus.SETTLED).all()
-    tally = TransitionTally(no_actions(aspects), run.drops)
-    tally.add(poses, aspect_ids(aspects, poses))
-    assert tally.matrix.counts[:, -1].sum() == lost.sum()
-    assert tally.matrix.actions.tolist() == [n / 5] * 5
 
 
 # -- Time steps and values ------------------------------------------------------------------------
@@ -350,8 +323,6 @@ def test_time_step_of_bullet_resolves_the_vibration(part, mat):
     ('changes', 'expected'),
     [
         ({'duration': '200ms'}, "invalid duration '200ms': expected a plain number in s, "),
-        ({'frequency': 0.0}, 'invalid frequency 0.0: expected more than 0 and at most 1000 Hz'),
-        ({'rocking_phase': 7.0}, 'invalid rocking_phase 7.0: expected -6.28'),
         ({'duration': 0.39}, 'invalid duration 0.39: expected at least 0.4 s, two ramps of 5'),
         ({'rocking_x': 5e-6, 'rocking_y': 0}, 'invalid rocking 5e-06: expected rocking_x or'),
         (
