@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
@@ -12,6 +13,17 @@ from resting_aspects_ros.simulation.workers import drop_range
 @pytest.fixture(scope='module')
 def mat(surfaces):
     return surfaces.get('rubber_mat')
+
+
+@pytest.fixture(scope='session')
+def hull_in_tray():
+    """Return the hull vertices (n, k, 3) of each drop where it rests."""
+
+    def hull_in_tray(part, poses):
+        matrices = Rotation.from_quat(poses.orientation).as_matrix()
+        return part.hull_vertices @ matrices.transpose(0, 2, 1) + poses.position[:, None]
+
+    return hull_in_tray
 
 
 @pytest.fixture(scope='session')

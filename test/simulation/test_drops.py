@@ -14,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, chi2_contingency, chisquare, kstest
 
 from resting_aspects_ros.aspects.find import find_aspects
@@ -37,12 +36,6 @@ EXAMPLES = (
 )
 
 
-def hull_in_tray(part, poses):
-    """(n, k, 3) hull vertices of each drop where it rests."""
-    matrices = Rotation.from_quat(poses.orientation).as_matrix()
-    return part.hull_vertices @ matrices.transpose(0, 2, 1) + poses.position[:, None]
-
-
 def scaled(shape, solid, factor):
     """The part with all lengths multiplied."""
     return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
@@ -63,7 +56,7 @@ def test_faces_of_a_tetrahedron_are_equally_probable(drop, part, engine, n):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 2000), (BULLET, 250)])
-def test_resting_parts_have_the_height_of_their_aspect(drop, part, engine, n):
+def test_resting_parts_have_the_height_of_their_aspect(drop, part, hull_in_tray, engine, n):
     shape = part('l_bracket')
     poses = drop(shape, n, engine=engine)
     assert (poses.status == RestStatus.SETTLED).all()
@@ -214,7 +207,7 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
 
 
 @pytest.mark.slow
-def test_the_lowest_of_many_close_corners_is_found(solid, mat):
+def test_the_lowest_of_many_close_corners_is_found(solid, mat, hull_in_tray):
     # Neighbours so close to each other that facets are flat only within the tolerance.
     points = np.random.default_rng(7).normal(size=(3000, 3))
     points *= np.array([10, 8, 6]) / np.linalg.norm(points, axis=1, keepdims=True)
