@@ -73,19 +73,14 @@ def planned(part, surfaces):
     )
 
 
-@pytest.fixture(scope='module')
-def job(planned):
-    return planned[0]
-
-
 @given(
     st.one_of(st.integers(0, 3000), st.integers(MAX_SEED - 9000, MAX_SEED - 6000)),
     st.integers(0, 5000),
     st.lists(st.integers(1, 8000), max_size=5),
 )
-def test_chunks_cover_a_range_and_end_only_at_multiples_and_cuts(job, first, drops, cuts):
+def test_chunks_cover_a_range_and_end_only_at_multiples_and_cuts(planned, first, drops, cuts):
     end, shifted = first + drops, [first + cut for cut in cuts]
-    found = list(chunk_bounds(job, first, end, shifted))
+    found = list(chunk_bounds(planned[0], first, end, shifted))
     inner = {k for k in range(first + 1, end) if k % CHUNK == 0 or k in shifted}
     starts, ends = [first, *sorted(inner)], [*sorted(inner), end]
     assert found == (list(zip(starts, ends, strict=True)) if drops else [])
@@ -101,9 +96,9 @@ def test_chunks_end_where_a_precision_is_tested(planned):
 
 
 @pytest.mark.parametrize('lookahead', [1, 5])
-def test_at_most_lookahead_chunks_are_pending(job, lookahead):
+def test_at_most_lookahead_chunks_are_pending(planned, lookahead):
     workers = Recorder(lambda: lookahead)
-    chunks = submit_drops(job, 0, 10 * CHUNK, workers)
+    chunks = submit_drops(planned[0], 0, 10 * CHUNK, workers)
     assert workers.futures == []  # nothing before the first is asked for
     for taken, future in enumerate(chunks, start=1):
         # Handed over in order, not by which is done first.
@@ -112,10 +107,10 @@ def test_at_most_lookahead_chunks_are_pending(job, lookahead):
     assert len(workers.futures) == 10
 
 
-def test_all_chunks_are_made_when_workers_are_lost(job):
+def test_all_chunks_are_made_when_workers_are_lost(planned):
     left = iter([5, 5, 1, 0])
     workers = Recorder(lambda: next(left, 1))
-    assert len(list(submit_drops(job, 0, 10 * CHUNK, workers))) == 10
+    assert len(list(submit_drops(planned[0], 0, 10 * CHUNK, workers))) == 10
 
 
 def test_stopping_early_cancels_chunks_not_started(planned):

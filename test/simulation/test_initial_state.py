@@ -12,8 +12,7 @@ from scipy.stats import kstest
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import down_in_part, random_orientations
-from resting_aspects_ros.simulation import job as drop_job
-from resting_aspects_ros.simulation.conditions import BULLET, HeightOf
+from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.job import MAX_IMPACT, make_job
 from resting_aspects_ros.simulation.release import DropRandom, initial_states
 from resting_aspects_ros.simulation.surroundings import Surroundings
@@ -143,23 +142,6 @@ def test_time_to_rest_includes_the_fall(drop, part, mat):
     late = drop(shape, n, restitution=0.0).time_to_rest.max() - fall
     assert late < 30 * math.sqrt(shape.hull_radius / mat.gravity)
     assert drop(shape, n, restitution=0.8).time_to_rest.mean() > fall + late / 2
-
-
-@pytest.mark.parametrize(
-    'changes', [{'height': 1e-3}, {'speed_vertical': 3.0}, {'speed_horizontal': 3.0, 'spin': 300}]
-)
-def test_time_step_of_bullet_limits_the_travel_per_step(part, mat, changes):
-    job = make_job(part('l_bracket'), mat.changed(**changes), 1, engine=BULLET)
-    assert job.time_step == pytest.approx(job.time_unit / job.steps_per_t, rel=1e-12)
-    c = job.conditions
-    # The fall, and three standard deviations of what the throw adds.
-    fastest = math.sqrt(
-        2 * c.gravity * c.height + 9 * c.speed_vertical**2 + 9 * c.speed_horizontal**2
-    )
-    fastest += 3 * c.spin * job.radius
-    travel = fastest * job.time_step / job.radius / drop_job.TRAVEL_PER_STEP
-    assert travel <= 1
-    assert travel > 0.99 or job.steps_per_t == drop_job.STEPS_PER_T
 
 
 @pytest.mark.parametrize('changes', [{'spin': 5000.0}, {'gravity': 1e-6, 'spin': 1.0}])

@@ -1,6 +1,5 @@
 """Initial states of disturbed and of given parts, against the laws of mechanics."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -132,19 +131,6 @@ def test_impossible_lift_is_refused(box, aspects, lift, mat):
         disturbance_starts(box, aspects, np.full((6, 1), lift), mat)
 
 
-def test_declared_maximum_speed_is_not_exceeded(box, aspects, mat):
-    lift = np.full((6, 1), 0.01)
-    corners = box.hull_vertices - box.centre_of_mass
-    for starts in (
-        disturbance_starts(box, aspects, lift, mat),
-        rest_starts(box, aspects, Nozzle(impulse=0.05, height=0.002), mat),
-    ):
-        states = starts.states(MANY[:500], generator())
-        arms = np.stack([rotation(states).apply(corner) for corner in corners], axis=1)
-        speeds = states.velocity[:, None] + np.cross(states.spin[:, None], arms)
-        assert np.linalg.norm(speeds, axis=2).max() <= starts.max_speed
-
-
 # -- Nozzles --------------------------------------------------------------------------------------
 
 
@@ -252,26 +238,6 @@ def test_energy_below_the_barrier_keeps_every_part(part, solid, solids, mat, nam
     assert np.median(np.hypot(*poses.position[:, :2].T)) > 2e-3 * shape.hull_radius
 
 
-def test_flat_sliding_part_is_decided_before_it_stops(solid, mat):
-    """It slides by v^2 / 2 mu g; its energy is far above the barrier for most of the way."""
-    speed, friction = 1.5, 0.1
-    block = solid(trimesh.creation.box([30.0, 30.0, 10.0]))
-    given = GivenStates([[0, 0, 0.005]], [[0, 0, 0, 1]], [[speed, 0, 0]], [[0, 0, 5.0]])
-    starts = GivenStarts(given, Noise(), GRAVITY, block.hull_radius)
-    conditions = mat.changed(restitution=0.0, friction=friction, rolling_friction=0.0)
-    job = make_job(block, conditions, 1, starts=starts)
-    decided, still = (
-        drop_range(dataclasses.replace(job, until_still=wait), 0, 1) for wait in (False, True)
-    )
-    assert speed**2 / (2 * GRAVITY * job.radius) > 5
-    assert decided.time_to_rest[0] < 3 * job.time_unit
-    # The spin lets it slide further, as its friction then partly acts against the spin.
-    distance = speed**2 / (2 * friction * GRAVITY)
-    assert distance < still.position[0, 0] < 1.2 * distance
-    down = [down_in_part(poses.orientation)[0] for poses in (decided, still)]
-    np.testing.assert_allclose(*down, atol=1e-3)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('sides', 'friction'),
@@ -299,6 +265,7 @@ def test_sliding_parts_that_are_decided_keep_their_aspect(solid, mat, sides, fri
     flat = np.abs(down_in_part(still.orientation)[:, 2]) > 0.9
     if friction * sides[2] < min(sides[:2]) / 2:
         assert flat.all()
+        assert decided.time_to_rest.mean() < still.time_to_rest.mean()
     elif friction * sides[2] > 2 * sides[0]:
         assert not flat.all()
 

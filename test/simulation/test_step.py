@@ -19,7 +19,6 @@ from resting_aspects_ros.simulation.bullet_engine import (
     GROUP,
     MIN_RADIUS,
     EdgeWorld,
-    over_edge,
 )
 from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, make_job
 from resting_aspects_ros.simulation.release import (
@@ -223,21 +222,6 @@ def test_part_that_falls_from_the_edge_keeps_its_energy_until_it_lands(part, mat
     assert energy == pytest.approx(top, abs=1 / STEPS_PER_T**2)  # of the second order in the step
     gap = at.position[0, 2] - depth_of(at.orientation, job.hull)[0]
     assert 0 < gap < CLEARANCE - at.velocity[0, 2] / EDGE_CHECKS_PER_T
-
-
-def test_parts_that_land_before_they_are_beyond_the_edge_pass_it(part, mat):
-    job = step_job(part('box_10x20x30'), mat, LOW)
-    at, which = initial_states(job, 0, GROUP), np.arange(GROUP)
-    at.position[:, 2] += REST_MARGIN
-    status = np.full(GROUP, RestStatus.UNSETTLED, dtype=np.uint8)
-    low = EdgeWorld(job, ALONG, STEPS_PER_T).pass_over(at, status, which, landed=False)
-    assert set(low) == set(which[status != RestStatus.SETTLED]) != set()
-    # They have not touched the lower belt with the steps of the edge.
-    unforeseen = 1 / EDGE_CHECKS_PER_T**2 / 2
-    gap = (at.position[:, 2] - depth_of(at.orientation, job.hull)).min()
-    assert gap > CLEARANCE - unforeseen
-    _, status = over_edge(job, initial_states(job, 0, GROUP))
-    assert (status == RestStatus.SETTLED).all()
 
 
 @pytest.mark.slow

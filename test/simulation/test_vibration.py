@@ -53,38 +53,30 @@ def vibration_job(part, conditions, vibration, seed=1, aspects=None, **options):
 
 # -- Motion of the plate --------------------------------------------------------------------------
 
-amplitudes = st.floats(0, 1e-3)
+amplitudes = st.floats(0, 1e-6)
 phases = st.floats(-6, 6)
-
-
-@given(
-    st.floats(5, 200),
-    st.floats(10, 30),
-    st.tuples(amplitudes, amplitudes, st.floats(1e-5, 0.05), st.floats(0, 0.05)),
-    st.tuples(phases, phases),
-    st.floats(0, 1),
+plates = st.builds(
+    Vibration,
+    frequency=st.floats(5, 200),
+    duration=st.just(2.0),
+    plate_size=st.just(1e-3),
+    vertical_amplitude=amplitudes,
+    horizontal_amplitude=amplitudes,
+    horizontal_phase=phases,
+    rocking_x=st.floats(1e-5, 0.05),
+    rocking_y=st.floats(0, 0.05),
+    rocking_phase=phases,
 )
-def test_velocity_is_the_derivative_of_the_pose(frequency, periods, sizes, phase, moment):
-    vertical, horizontal, rocking_x, rocking_y = sizes
-    duration = periods / frequency
-    plate = Vibration(
-        frequency=frequency,
-        duration=duration,
-        plate_size=1e-3,
-        vertical_amplitude=vertical / 1e3,
-        horizontal_amplitude=horizontal / 1e3,
-        horizontal_phase=phase[0],
-        rocking_x=rocking_x,
-        rocking_y=rocking_y,
-        rocking_phase=phase[1],
-    )
-    step = 1e-4 / frequency
-    time = moment * duration
+
+
+@given(plates, st.floats(0, 2))
+def test_velocity_is_the_derivative_of_the_pose(plate, time):
+    step = 1e-4 / plate.frequency
     (before, after), turned = plate.pose(np.array([time - step, time + step]))
     velocity, spin = plate.velocity(np.array([time]))
     one, other = Rotation.from_quat(turned)
     turn = (other * one.inv()).as_rotvec() / (2 * step)
-    fastest = 2 * math.pi * frequency
+    fastest = 2 * math.pi * plate.frequency
     np.testing.assert_allclose((after - before) / (2 * step), velocity[0], atol=1e-9 * fastest)
     np.testing.assert_allclose(turn, spin[0], atol=1e-6 * fastest)
 
@@ -311,8 +303,6 @@ def test_time_step_of_bullet_resolves_the_vibration(part, mat):
     quick = Vibration(400.0, 0.1, 0.1, vertical_amplitude=1e-5, rocking_x=1e-5)
     step = vibration_job(shape, mat, quick, engine=BULLET).time_step
     assert step <= 1 / (400.0 * STEPS_PER_PERIOD)
-    slow = vibration_job(shape, mat, dataclasses.replace(STRONG, frequency=25.0), engine=BULLET)
-    assert slow.steps_per_t == drop_job.MOTION_STEPS_PER_T
     wide = Vibration(10.0, 1.0, 0.1, vertical_amplitude=0.1, rocking_x=1e-5)
     job = vibration_job(shape, mat, wide, engine=BULLET)
     travel = 3 * 0.1 * 2 * math.pi * 10.0 * job.time_step / job.radius
@@ -345,9 +335,6 @@ def test_too_long_or_too_fast_vibration_of_a_part_is_rejected(part, mat):
     expected = f'^invalid duration 3600 s: expected at most {longest:.4g} s for this part, which'
     with pytest.raises(InvalidValueError, match=expected):
         vibration_job(shape, mat, endless)
-    # The convergence check may still repeat the longest with finer steps.
-    most = dataclasses.replace(STRONG, duration=0.999 * longest)
-    assert vibration_job(shape, mat, most, refinement=2).refinement == 2
     wild = Vibration(0.5, 20.0, 0.1, vertical_amplitude=0.1, rocking_x=1e-5)
     with pytest.raises(InvalidValueError, match=r'^invalid impact speed '):
         vibration_job(shape, mat.changed(gravity=1e-5), wild)
