@@ -23,26 +23,13 @@ def plan(part, surfaces):
 
 
 @pytest.mark.parametrize(('engine', 'version'), [('kernel', '1'), ('bullet', '3.2.7')])
-def test_a_run_is_described_in_full(plan, part, surfaces, engine, version):
+def test_a_run_has_its_range_and_its_versions(plan, part, surfaces, engine, version):
     job, run = plan(seed=7, drops=10, first_drop=3, engine=engine)
-    assert dataclasses.asdict(run) == {
-        'run_id': 'r',
-        'part': 'l_bracket',
-        'part_sha256': part('l_bracket').part_sha256,
-        'conditions': dataclasses.asdict(surfaces.get()),
-        'seed': 7,
-        'first_drop': 3,
-        'drops': 10,
-        'precision': 0.0,
-        'engine': engine,
-        'engine_version': version,
-        'suite_version': __version__,
-        'time_step': job.time_step,
-        'started': 5,
-    }
-    assert run.end == 13
-    assert job.seed == 7
-    assert job.conditions is run.conditions
+    assert (run.first_drop, run.end, run.seed, job.seed) == (3, 13, 7, 7)
+    assert (run.engine, run.engine_version, run.suite_version) == (engine, version, __version__)
+    assert run.part_sha256 == part('l_bracket').part_sha256
+    assert job.conditions is run.conditions is surfaces.get()
+    assert run.time_step == job.time_step
 
 
 @pytest.mark.parametrize(
