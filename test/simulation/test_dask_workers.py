@@ -10,13 +10,11 @@ import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
-import trimesh
 
 from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation import workers as chunks
 from resting_aspects_ros.simulation.conditions import KERNEL
 from resting_aspects_ros.simulation.job import CHUNKS, plan_run
-from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.simulation.workers import TIMEOUT, ClusterWorkers, drop_range
 from resting_aspects_ros.statistics.poses import RestingPoses
 
@@ -50,20 +48,6 @@ def test_poses_are_bit_identical_to_local_ones(planned, workers, assert_same_pos
     assert len(there) == 4
     assert_same_poses(RestingPoses.join(there), drop_range(job, 0, asked.end))
     assert workers.call(math.hypot, 3, 4).result() == 5
-
-
-@pytest.mark.slow
-def test_workers_need_no_file_of_a_mesh_surface(
-    workers, surfaces, part, tmp_path, assert_same_poses
-):
-    trimesh.creation.box([400, 400, 10]).export(tmp_path / 'block.stl')
-    (tmp_path / 'block.yaml').write_text('kind: mesh\nmesh: block.stl\n')
-    found = named_surroundings(tmp_path / 'block.yaml')
-    conditions = dataclasses.replace(surfaces.get(), surroundings=found)
-    job, asked = plan_run(part('tetrahedron'), conditions, seed=5, drops=10, run_id='', started=0)
-    (tmp_path / 'block.stl').unlink()
-    (there,) = chunks_of(job, asked, workers)
-    assert_same_poses(there, drop_range(job, 0, 10))
 
 
 @pytest.mark.slow

@@ -13,12 +13,11 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from resting_aspects_ros.errors import EngineError, InvalidValueError
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation import workers as process_workers
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import CHUNKS, make_job, plan_run
 from resting_aspects_ros.simulation.workers import (
-    MAX_WORKERS,
     LocalWorkers,
     WorkerDiedError,
     call_each,
@@ -58,12 +57,6 @@ def job_of(part, surfaces):
     return lambda engine: make_job(part('l_bracket'), surfaces.get(), 5, engine=engine)
 
 
-@pytest.mark.parametrize('workers', [0, MAX_WORKERS + 1])
-def test_number_of_workers_out_of_bounds_is_refused(workers):
-    with pytest.raises(InvalidValueError, match=f'invalid workers {workers}: expected 1 to 1024'):
-        LocalWorkers(workers)
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'count'), [(KERNEL, 7), (BULLET, 2)])
 def test_poses_do_not_depend_on_the_workers(
@@ -88,16 +81,6 @@ def test_error_in_a_worker_reaches_the_caller(job_of, make_workers, engine, firs
     with pytest.raises(ValueError, match=says):
         workers.submit(job, first, 1).result()
     assert len(workers.submit(job, 0, 1).result()) == 1  # and the worker goes on
-
-
-def test_stopping_discards_chunks_that_were_not_started(job_of, make_workers):
-    workers, job = make_workers(1), job_of(KERNEL)
-    futures = [workers.submit(job, 0, 5000) for _ in range(10)]
-    workers.stop()
-    # The thread may have finished a few of them.
-    with pytest.raises(CancelledError):
-        futures[-1].result()
-    assert all(future.done() for future in futures)
 
 
 # -- Real worker processes, which make drops in Bullet: how they start, end, and are replaced -----

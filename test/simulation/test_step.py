@@ -13,7 +13,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import job as drop_job
-from resting_aspects_ros.simulation.actions import Step, make_action
+from resting_aspects_ros.simulation.actions import Step
 from resting_aspects_ros.simulation.bullet_engine import (
     CLEARANCE,
     GROUP,
@@ -239,28 +239,17 @@ def test_energy_decides_only_far_from_the_wall(part, mat):
 
 
 @pytest.mark.parametrize(
-    ('values', 'message'),
+    ('values', 'says'),
     [
         ({'lower_speed': 101}, 'invalid lower_speed 101: expected -100 to 100 m/s'),
         ({'edge_radius': 0.03}, 'invalid edge radius 0.03: expected at most the step height'),
+        ({'belt_speed': 0.001}, 'invalid belt speed 0.001 m/s: expected at'),
+        ({'restitution_factor': 2.0}, 'invalid restitution 1.28 of the upper belt'),
     ],
 )
-def test_value_out_of_bounds_is_refused(values, message):
-    with pytest.raises(InvalidValueError) as refused:
-        make_action('step', {'belt_speed': 0.2, 'step_height': 0.02, **values})
-    assert message in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ('changes', 'says'),
-    [
-        ({'belt_speed': 0.001}, r'invalid belt speed 0\.001 m/s: expected at'),
-        ({'restitution_factor': 2.0}, r'invalid restitution 1\.28 of the upper belt'),
-    ],
-)
-def test_step_that_a_part_or_surface_excludes_is_refused(part, mat, changes, says):
+def test_step_out_of_bounds_of_a_part_or_surface_is_refused(part, mat, values, says):
     with pytest.raises(InvalidValueError, match=says):
-        step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, **changes))
+        step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, **values))
 
 
 def test_factors_of_the_upper_belt_change_its_friction_only(part, mat):
