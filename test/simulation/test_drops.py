@@ -55,7 +55,7 @@ def test_faces_of_a_tetrahedron_are_equally_probable(drop, part, engine, n):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 2000), (BULLET, 250)])
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 2000), (BULLET, 50)])
 def test_resting_parts_have_the_height_of_their_aspect(drop, part, hull_in_tray, engine, n):
     shape = part('l_bracket')
     poses = drop(shape, n, engine=engine)
@@ -114,7 +114,7 @@ def test_scaled_part_height_and_gravity_give_scaled_poses(part, solid, mat, engi
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
 def test_finer_steps_change_few_drops(drop, part, mat, name):
-    shape, n = part(name), 5000
+    shape, n = part(name), 2000
     fine = make_job(shape, mat, 1, refinement=4)
     assert fine.time_step == make_job(shape, mat, 1).time_step / 4
     aspects = find_aspects(shape)
@@ -125,12 +125,12 @@ def test_finer_steps_change_few_drops(drop, part, mat, name):
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'surface'), [('l_bracket', 'rubber_mat'), ('t_prism', 'steel')])
 def test_both_engines_have_the_same_distribution(part, surfaces, name, surface):
-    # Samples of 250 tell differences of 0.13; `make validate` compares larger ones.
+    # Samples of 150 tell differences of 0.17; `make validate` compares larger ones.
     shape = part(name)
     aspects, job = find_aspects(shape), make_job(shape, surfaces.get(surface), 1)
     bullet = dataclasses.replace(job, engine=BULLET)
     counts = []
-    for each, n in ((job, 4000), (bullet, 250)):
+    for each, n in ((job, 4000), (bullet, 150)):
         counts.append(count_poses(aspects, drop_range(each, 0, n)).counts)
         assert counts[-1].sum() > 0.99 * n
     assert chi2_contingency(counts).pvalue > LEVEL
@@ -186,7 +186,7 @@ def random_solid(seed):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('which', ['l_bracket', 'hex_nut', 1, 2])
+@pytest.mark.parametrize('which', ['l_bracket', 1, 2])
 def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     part, solid, mat, which
 ):
@@ -209,10 +209,10 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
 @pytest.mark.slow
 def test_the_lowest_of_many_close_corners_is_found(solid, mat, hull_in_tray):
     # Neighbours so close to each other that facets are flat only within the tolerance.
-    points = np.random.default_rng(7).normal(size=(3000, 3))
+    points = np.random.default_rng(7).normal(size=(1500, 3))
     points *= np.array([10, 8, 6]) / np.linalg.norm(points, axis=1, keepdims=True)
     shape = solid(trimesh.convex.convex_hull(points))
-    assert len(shape.hull_vertices) == 3000
+    assert len(shape.hull_vertices) == 1500
     for engine, n in ((KERNEL, 50), (BULLET, 1)):
         poses = drop_range(make_job(shape, mat, 1, engine=engine), 0, n)
         assert (poses.status == RestStatus.SETTLED).all()

@@ -51,14 +51,14 @@ def test_spinning_friction_stops_a_spinning_part(ball_of, mat):
 
 @pytest.mark.slow
 def test_rolling_friction_decelerates_a_ball(ball_of, mat):
-    # mu N against its spin is mu / (1 + I) of its speed per T; its facets of 4 degrees take more.
+    # mu N against its spin is mu / (1 + I) of its speed per T; its facets of 8 degrees take more.
     rolling, slowed = 0.03, []
     for each in (rolling, 2 * rolling):
         conditions = mat.changed(rolling_friction=each, friction=1.0, restitution=0.0)
-        job = make_job(ball_of(4), conditions, 1)
+        job = make_job(ball_of(3), conditions, 1)
         placed = on_the_surface(job, velocity=(0.5, 0, 0), spin=(0, 0.5, 0))
         slowed.append((0.5 - placed.run(3).velocity[0, 0]) / placed.time[0])
-    assert job.rolling_length == pytest.approx(1.0, abs=2e-3)
+    assert job.rolling_length == pytest.approx(1.0, abs=5e-3)
     inertia = job.moments.mean()
     assert slowed[1] - slowed[0] == pytest.approx(rolling / (1 + inertia), rel=0.2)
 

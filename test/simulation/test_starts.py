@@ -225,7 +225,7 @@ def test_subset_of_a_chunk_has_the_same_poses(box, aspects, mat, assert_same_pos
 def test_energy_below_the_barrier_keeps_every_part(part, solid, solids, mat, name):
     """Simulated until the part is still, because the energy rule would decide at once."""
     fillets = name == 'filleted_box'
-    shape, each = solid(solids.filleted_box((20, 20, 20), 1, 6)) if fillets else part(name), 50
+    shape, each = solid(solids.filleted_box((20, 20, 20), 1, 6)) if fillets else part(name), 25
     aspects = find_aspects(shape)
     kept = [a for a in aspects if a.min_barrier > 0.1 * shape.hull_radius]
     lift = np.array([[0.98 * a.min_barrier] for a in kept])
@@ -245,7 +245,7 @@ def test_energy_below_the_barrier_keeps_every_part(part, solid, solids, mat, nam
 )
 def test_sliding_parts_that_are_decided_keep_their_aspect(solid, mat, sides, friction):
     """Some can be tipped by friction: if its arm is longer than half of the base."""
-    block, n = solid(trimesh.creation.box(sides)), 150
+    block, n = solid(trimesh.creation.box(sides)), 75
     generator = np.random.default_rng(4)
     velocity, spin = np.zeros((2, n, 3))
     velocity[:, :2] = generator.normal(size=(n, 2)) * 0.5

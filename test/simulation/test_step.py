@@ -156,7 +156,7 @@ def test_plate_falls_over_the_edge_as_computed(
 
 @pytest.mark.slow
 def test_subsets_of_drops_are_bit_identical(part, mat, assert_same_poses):
-    job = step_job(part('l_bracket'), mat, LOW)
+    job = step_job(part('box_10x20x30'), mat, LOW)
     whole = drop_range(job, GROUP - 6, GROUP + 2)
     assert_same_poses(drop_range(job, GROUP - 1, GROUP + 1), whole.between(GROUP - 1, GROUP + 1))
 
@@ -188,7 +188,7 @@ def stays_at_edge(job, poses):
 @pytest.mark.slow
 def test_part_that_hooks_over_the_edge_is_unsettled(part, mat):
     # An L bracket that stands on its long leg can hook over a low step; its hull cannot.
-    shape, n = part('l_bracket'), 15
+    shape, n = part('l_bracket'), 10
     step = dataclasses.replace(LOW, lower_speed=0.0)
     starts = rest_starts(shape, find_aspects(shape).aspects[3:4], step, mat)
     job = make_job(shape, mat, 1, starts=starts)
@@ -228,9 +228,9 @@ def test_part_that_falls_from_the_edge_keeps_its_energy_until_it_lands(part, mat
 def test_energy_decides_only_far_from_the_wall(part, mat):
     shape = part('box_10x20x30')
     far = step_job(shape, mat, dataclasses.replace(LOW, lower_speed=1.0))
-    assert (drop_range(far, 0, 12).decided_by == DecidedBy.ENERGY).all()
+    assert (drop_range(far, 0, 6).decided_by == DecidedBy.ENERGY).all()
     # The belt moves backwards, so that parts come to rest against the wall, which pushes them.
-    near = drop_range(step_job(shape, mat, dataclasses.replace(LOW, lower_speed=-0.2)), 0, 12)
+    near = drop_range(step_job(shape, mat, dataclasses.replace(LOW, lower_speed=-0.2)), 0, 6)
     assert (near.decided_by == DecidedBy.STILLNESS).any()
     assert (near.status == RestStatus.SETTLED).all()
 

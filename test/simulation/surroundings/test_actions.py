@@ -163,7 +163,7 @@ def belt_step(part, mat, kind, step, **changes):
     conditions = dataclasses.replace(mat, surroundings=ra.surroundings(kind, **changes))
     dropping = plan_drops(shape, conditions, drops=1000, seed=3)
     rests = drop_range(dropping.job, 0, 1000)
-    return plan_actions(shape, NamedAction('step', step), conditions, per_aspect=5, rests=rests)
+    return plan_actions(shape, NamedAction('step', step), conditions, per_aspect=2, rests=rests)
 
 
 @pytest.mark.slow
@@ -171,10 +171,10 @@ def belt_step(part, mat, kind, step, **changes):
 def test_a_step_without_height_to_a_belt_of_equal_speed_keeps_every_aspect(part, mat):
     step = ra.Step(belt_speed=0.2, step_height=1e-5, lower_speed=0.2)
     plan = belt_step(part, mat, 'chute', step, roll='20deg')
-    poses = drop_range(plan.job, 0, 25)
+    poses = drop_range(plan.job, 0, plan.run.drops)
     plan.tally.add(poses, aspect_ids(plan.tally.aspects, poses))
     counts = plan.tally.matrix.counts
-    assert counts.sum() == 25
+    assert counts.sum() == plan.run.drops
     assert (counts[:, :6] == np.diag(counts.sum(axis=1))).all()
 
 

@@ -203,8 +203,8 @@ def test_drops_on_a_mesh_depend_on_their_index_only(part, on_mesh, assert_same_p
 
 @pytest.mark.slow
 def test_a_groove_of_triangles_gives_the_distribution_of_planes(part, surfaces):
-    # Samples of 100 tell differences of 0.21; `make validate` compares larger ones.
-    shape, n, cells = part('u_bracket'), 100, 100
+    # Samples of 50 tell differences of 0.3; `make validate` compares larger ones.
+    shape, n, cells = part('u_bracket'), 50, 100
     aspects = find_aspects(shape)
     jobs = groove_and_mesh(shape, surfaces.get('rubber_mat'), 1, math.radians(90), cells)
     counts = []
