@@ -57,30 +57,20 @@ def job_of(part, surfaces):
     return lambda engine: make_job(part('l_bracket'), surfaces.get(), 5, engine=engine)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('engine', 'count'), [(KERNEL, 7), (BULLET, 2)])
-def test_poses_do_not_depend_on_the_workers(
-    job_of, make_workers, assert_same_poses, engine, count
-):
+def test_poses_do_not_depend_on_the_threads(job_of, make_workers, assert_same_poses):
     # Neither the first chunk nor the last is a whole one.
-    job, size = job_of(engine), CHUNKS[engine]
-    first, drops = size - 30, 30 + 20 + (8 * size if engine == KERNEL else 0)
-    workers = make_workers(count)
-    chunks = [f.result() for f in submit_drops(job, first, drops, workers)]
-    assert len(chunks) > count or engine == BULLET
+    job, size = job_of(KERNEL), CHUNKS[KERNEL]
+    first, drops = size - 30, 8 * size + 50
+    chunks = [f.result() for f in submit_drops(job, first, drops, make_workers(7))]
+    assert len(chunks) > 7
     assert_same_poses(RestingPoses.join(chunks), drop_range(job, first, first + drops))
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('engine', 'first', 'says'),
-    [(KERNEL, 1, 'invalid drops 1 to 0: expected one or'), (BULLET, -1, 'counter must be positi')],
-)
-def test_error_in_a_worker_reaches_the_caller(job_of, make_workers, engine, first, says):
-    workers, job = make_workers(1), job_of(engine)
-    with pytest.raises(ValueError, match=says):
-        workers.submit(job, first, 1).result()
-    assert len(workers.submit(job, 0, 1).result()) == 1  # and the worker goes on
+def test_error_in_a_thread_reaches_the_caller(job_of, make_workers):
+    workers, job = make_workers(1), job_of(KERNEL)
+    with pytest.raises(ValueError, match='invalid drops 1 to 0: expected one or more from 0'):
+        workers.submit(job, 1, 1).result()
+    assert len(workers.submit(job, 0, 1).result()) == 1  # and the thread goes on
 
 
 # -- Real worker processes, which make drops in Bullet: how they start, end, and are replaced -----
@@ -107,19 +97,6 @@ def planned(surfaces, solid):
     )
 
 
-@pytest.fixture
-def make_processes(make_workers):
-    """Make workers that have started their processes."""
-
-    def make(count):
-        workers = make_workers(count)
-        for future in [workers.call(os.getpid) for _ in range(count)]:
-            future.result()
-        return workers
-
-    return make
-
-
 def children(parent=None):
     """The ids of the processes that this one, or another, has started."""
     parent = os.getpid() if parent is None else parent
@@ -143,10 +120,10 @@ def ended(pid):
 
 
 @pytest.mark.slow
-def test_calls_are_repeated_if_their_worker_dies(make_processes, tmp_path):
+def test_calls_are_repeated_if_their_worker_dies(make_workers, tmp_path):
     # The first call makes a file, and ends its process.
     once = 'import os\nif not os.path.exists({0!r}):\n open({0!r}, "w")\n os._exit(1)'
-    workers, done = make_processes(1), []
+    workers, done = make_workers(1), []
     program = once.format(str(tmp_path / 'file'))
     assert call_each(workers, exec, [(program,)], '', done.append) == [None]
     assert done[-1] == 1
@@ -155,8 +132,8 @@ def test_calls_are_repeated_if_their_worker_dies(make_processes, tmp_path):
 
 
 @pytest.mark.slow
-def test_signals_for_the_parent_do_not_end_a_worker(job_of, make_processes, assert_same_poses):
-    workers, job = make_processes(1), job_of(BULLET)
+def test_signals_for_the_parent_do_not_end_a_worker(job_of, make_workers, assert_same_poses):
+    workers, job = make_workers(1), job_of(BULLET)
     worker = workers.call(os.getpid).result()
     starting = workers.submit(job, 0, 3)
     os.kill(worker, signal.SIGINT)
@@ -169,9 +146,9 @@ def test_signals_for_the_parent_do_not_end_a_worker(job_of, make_processes, asse
 
 
 @pytest.mark.slow
-def test_stuck_workers_are_stopped(planned, make_processes):
+def test_stuck_workers_are_stopped(planned, make_workers):
     # A thread waits to send the job, which is more than the connection holds if it is large.
-    workers = make_processes(1)
+    workers = make_workers(1)
     worker = workers.call(os.getpid).result()
     os.kill(worker, signal.SIGSTOP)
     futures = [workers.submit(planned[0], 0, 30) for _ in range(4)]
@@ -183,13 +160,13 @@ def test_stuck_workers_are_stopped(planned, make_processes):
 
 
 @pytest.mark.slow
-def test_runs_are_complete_when_workers_are_killed(
-    planned, make_processes, assert_same_poses, wait
-):
+def test_runs_are_complete_when_workers_are_killed(planned, make_workers, assert_same_poses, wait):
     """An idle one, of which the run hears nothing, and the one that replaces it."""
     job, asked = planned
     before = children()
-    workers = make_processes(2)
+    workers = make_workers(2)
+    for started in [workers.call(os.getpid) for _ in range(2)]:
+        started.result()
     first = children() - before
     assert len(first) == 2
     idle = min(first)

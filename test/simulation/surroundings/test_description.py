@@ -32,7 +32,7 @@ def described(kind, **values):
 
 
 @pytest.mark.parametrize('kind', FLAT)
-def test_a_key_gives_the_same_surroundings_and_dimensions_are_checked(kind):
+def test_keys_are_read_back_and_dimensions_are_checked(kind):
     body = KINDS[kind].body_names[0]
     given = described(kind, bodies={body: {'friction': 0.3}}, release={'x_min': 0.01})
     assert surroundings_from(given.key).document == given.document
