@@ -90,17 +90,13 @@ def test_numbers_of_drops_and_seeds_are_independent_and_uniform():
 
 @pytest.mark.parametrize(
     ('height_of', 'speed', 'angle'),
-    [
-        (HeightOf.LOWEST_POINT, 0.2, 0.0),
-        (HeightOf.CENTRE_OF_MASS, 0.2, 0.0),
-        (HeightOf.LOWEST_POINT, 0.0, 0.3),
-    ],
+    [('LOWEST_POINT', 0.2, 0.0), ('CENTRE_OF_MASS', 0.2, 0.0), ('LOWEST_POINT', 0.0, 0.3)],
 )
 def test_omitted_fall_is_a_free_fall(part, mat, height_of, speed, angle):
     # The same generator without and with a spin too small to matter, which is not shortened.
     thrown = mat.changed(
         height=0.05,
-        height_of=height_of,
+        height_of=HeightOf[height_of],
         speed_horizontal=speed,
         speed_vertical=2 * speed,
         surroundings=Surroundings(Slope(angle)),

@@ -13,11 +13,12 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from resting_aspects_ros.errors import EngineError
+from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation import workers as process_workers
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import CHUNKS, make_job, plan_run
 from resting_aspects_ros.simulation.workers import (
+    MAX_WORKERS,
     LocalWorkers,
     WorkerDiedError,
     call_each,
@@ -55,6 +56,12 @@ def stop(workers):
 @pytest.fixture(scope='module')
 def job_of(part, surfaces):
     return lambda engine: make_job(part('l_bracket'), surfaces.get(), 5, engine=engine)
+
+
+@pytest.mark.parametrize('workers', [0, MAX_WORKERS + 1])
+def test_number_of_workers_out_of_bounds_is_refused(workers):
+    with pytest.raises(InvalidValueError, match=f'invalid workers {workers}: expected 1 to 1024'):
+        LocalWorkers(workers)
 
 
 def test_poses_do_not_depend_on_the_threads(job_of, make_workers, assert_same_poses):

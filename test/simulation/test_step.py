@@ -14,12 +14,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation.actions import Step
-from resting_aspects_ros.simulation.bullet_engine import (
-    CLEARANCE,
-    GROUP,
-    MIN_RADIUS,
-    EdgeWorld,
-)
+from resting_aspects_ros.simulation.bullet_engine import CLEARANCE, GROUP, MIN_RADIUS, EdgeWorld
 from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, make_job
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,

@@ -6,14 +6,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from surroundings_symmetry import (
-    CHIRAL,
-    LEVEL,
-    counts_on_belt,
-    mirrored_chute,
-    same,
-    tilted_plane,
-)
+from surroundings_symmetry import CHIRAL, LEVEL, counts_on_belt, mirrored_chute, same, tilted_plane
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
