@@ -3,24 +3,20 @@
 import dataclasses
 import math
 import os
-import re
 import signal
 import socket
 import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 
-import numpy as np
 import pytest
-import trimesh
 
 from resting_aspects_ros.errors import EngineError, InvalidValueError
 from resting_aspects_ros.simulation import workers as chunks
 from resting_aspects_ros.simulation.conditions import KERNEL
 from resting_aspects_ros.simulation.job import CHUNKS, plan_run
-from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.simulation.workers import TIMEOUT, ClusterWorkers, drop_range
-from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
+from resting_aspects_ros.statistics.poses import RestingPoses
 
 CHUNK = CHUNKS[KERNEL]
 
@@ -52,32 +48,6 @@ def test_poses_are_bit_identical_to_local_ones(planned, workers, assert_same_pos
     assert len(there) == 4
     assert_same_poses(RestingPoses.join(there), drop_range(job, 0, asked.end))
     assert workers.call(math.hypot, 3, 4).result() == 5
-
-
-@pytest.mark.slow
-def test_workers_need_no_file_of_a_mesh_surface(workers, surfaces, part, tmp_path):
-    trimesh.creation.box([400, 400, 10]).export(tmp_path / 'block.stl')
-    (tmp_path / 'block.yaml').write_text('kind: mesh\nmesh: block.stl\n')
-    found = named_surroundings(tmp_path / 'block.yaml')
-    conditions = dataclasses.replace(surfaces.get(), surroundings=found)
-    job, asked = plan_run(part('tetrahedron'), conditions, seed=5, drops=10, run_id='', started=0)
-    for file in tmp_path.iterdir():
-        file.unlink()
-    (there,) = chunks_of(job, asked, workers)
-    here = drop_range(job, 0, 10)
-    np.testing.assert_array_equal(there.orientation, here.orientation)
-    assert set(here.status.tolist()) == {RestStatus.SETTLED}
-
-
-@pytest.mark.slow
-def test_lookahead_follows_the_number_of_workers(cluster, workers):
-    assert workers.lookahead() == 4
-    cluster.scale(3)
-    try:
-        cluster.wait_for_workers(3, timeout=600)
-        assert max(workers.lookahead() for _ in range(3)) == 6
-    finally:
-        cluster.scale(2)
 
 
 @pytest.mark.slow
@@ -122,6 +92,11 @@ class SlowExecutor:
 
 
 class OtherClient:
+    workers = 2
+
+    def nthreads(self):
+        return [1] * self.workers
+
     def get_executor(self, **_):
         return SlowExecutor()
 
@@ -130,47 +105,54 @@ class OtherClient:
         return function(job)
 
 
-def test_runs_that_submit_at_the_same_time_have_their_own_jobs(monkeypatch):
-    monkeypatch.setattr(chunks, '_connect', lambda _: OtherClient())
+@pytest.fixture
+def client(monkeypatch):
+    client = OtherClient()
+    monkeypatch.setattr(chunks, '_connect', lambda _: client)
+    return client
+
+
+def test_lookahead_follows_the_number_of_workers(client):
+    workers = ClusterWorkers('there:1')
+    assert workers.lookahead() == 4
+    client.workers = 3
+    assert max(workers.lookahead() for _ in range(3)) == 6
+
+
+def test_runs_that_submit_at_the_same_time_have_their_own_jobs(client):
     workers, jobs = ClusterWorkers('there:1'), 20 * ['one', 'other', 'third']
     with ThreadPoolExecutor(8) as threads:
         assert list(threads.map(lambda job: workers.submit(job, 0, 1), jobs)) == jobs
 
 
-@pytest.fixture
-def refused():
-    """Be refused as a client; gives the reason."""
-
-    def check(address, allowed):
-        start = f'invalid scheduler {address!r}: expected {allowed}; '
-        with pytest.raises(InvalidValueError) as caught:
-            ClusterWorkers(address)
-        assert str(caught.value).startswith(start)
-        return str(caught.value).removeprefix(start)
-
-    return check
-
-
-A_SCHEDULER = 'the address of a Dask scheduler'
+def refusal(address):
+    """Be refused as a client; returns what is expected and the reason."""
+    with pytest.raises(InvalidValueError) as caught:
+        ClusterWorkers(address)
+    expected, _, reason = str(caught.value).partition('; ')
+    return expected.removeprefix(f'invalid scheduler {address!r}: expected '), reason
 
 
 @pytest.mark.slow
-def test_address_without_answer_is_rejected(make_cluster, refused):
+def test_address_without_a_scheduler_is_rejected(cluster):
+    (worker, *_) = cluster.scheduler_info['workers']
     with socket.create_server(('127.0.0.1', 0)) as silent:
-        address = f'127.0.0.1:{silent.getsockname()[1]}'
-        assert refused(address, A_SCHEDULER) == f'no answer within {TIMEOUT:g} s'
-
-
-def test_address_of_a_worker_is_rejected(cluster, refused):
-    (address, *_) = cluster.scheduler_info['workers']
-    assert refused(address, A_SCHEDULER) == 'this is a worker'
+        for address, reason in (
+            (worker, 'this is a worker'),
+            (f'127.0.0.1:{silent.getsockname()[1]}', f'no answer within {TIMEOUT:g} s'),
+            ('somewhere', 'missing port'),
+            ('nonsense://127.0.0.1:1', 'unknown address'),
+        ):
+            expected, found = refusal(address)
+            assert expected == 'the address of a Dask scheduler'
+            assert found.startswith(reason)
 
 
 @pytest.mark.slow
-def test_scheduler_without_workers_is_rejected(make_cluster, refused):
+def test_scheduler_without_workers_is_rejected(make_cluster):
     with make_cluster(0) as cluster:
-        reason = refused(cluster.scheduler_address, 'a scheduler that has workers')
-        assert reason == f'none connected within {TIMEOUT:g} s'
+        found = refusal(cluster.scheduler_address)
+    assert found == ('a scheduler that has workers', f'none connected within {TIMEOUT:g} s')
 
 
 def test_missing_dask_is_reported_with_the_package(monkeypatch):
@@ -178,8 +160,3 @@ def test_missing_dask_is_reported_with_the_package(monkeypatch):
     expected = r"^scheduler 'there:1' needs Dask, which is not installed: pip install distributed$"
     with pytest.raises(InvalidValueError, match=expected):
         ClusterWorkers('there:1')
-
-
-@pytest.mark.parametrize('address', ['', 'somewhere', 'nonsense://127.0.0.1:1'])
-def test_invalid_address_is_rejected(make_cluster, refused, address):
-    assert re.match('missing port|unknown address', refused(address, A_SCHEDULER))

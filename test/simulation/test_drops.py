@@ -14,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, chi2_contingency, chisquare, kstest
 
 from resting_aspects_ros.aspects.find import find_aspects
@@ -37,49 +36,27 @@ EXAMPLES = (
 )
 
 
-def hull_in_tray(part, poses):
-    """(n, k, 3) hull vertices of each drop where it rests."""
-    matrices = Rotation.from_quat(poses.orientation).as_matrix()
-    return part.hull_vertices @ matrices.transpose(0, 2, 1) + poses.position[:, None]
+def scaled(shape, solid, factor):
+    """The part with all lengths multiplied."""
+    return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
 
 
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('shape', 'faces', 'engine', 'n'),
-    [('tetrahedron', 4, KERNEL, 5000), ('cube', 6, KERNEL, 5000), ('tetrahedron', 4, BULLET, 250)],
-)
-def test_faces_of_regular_bodies_are_equally_probable(drop, part, solid, shape, faces, engine, n):
-    body = solid(trimesh.creation.box((20, 20, 20))) if shape == 'cube' else part(shape)
-    found = count_poses(find_aspects(body), drop(body, n, engine=engine))
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 250)])
+def test_faces_of_a_tetrahedron_are_equally_probable(drop, part, engine, n):
+    shape = part('tetrahedron')
+    found = count_poses(find_aspects(shape), drop(shape, n, engine=engine))
     # Rolling friction can hold a part that balances on an edge.
     assert found.counts.sum() >= (1 - BALANCED) * n
     assert chisquare(found.counts).pvalue > LEVEL
-    # Each interval of 95 % misses the truth once in twenty: of these few at most one does.
-    outside = [not i.lower <= 1 / faces <= i.upper for i in found.intervals()]
-    assert sum(outside) <= 1
-    assert len(outside) == faces
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 250)])
-def test_all_five_aspects_of_the_l_bracket_appear(drop, part, engine, n):
-    shape = part('l_bracket')
-    found = count_poses(find_aspects(shape), drop(shape, n, engine=engine))
-    assert (found.unsettled, found.failed) == (0, 0)
-    assert found.unclassified <= BALANCED * n
-    # The rarest, 0.07, is missing among 250 drops once in 10^8 times.
-    assert found.counts.min() > 0
-    # Mirror images, the two large sides, are alike: their difference is binomial.
-    a, b = found.counts[:2]
-    assert abs(int(a) - int(b)) < 3.3 * math.sqrt(a + b)
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 2000), (BULLET, 250)])
-def test_resting_parts_have_the_height_of_their_aspect(drop, part, engine, n):
+@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 2000), (BULLET, 50)])
+def test_resting_parts_have_the_height_of_their_aspect(drop, part, hull_in_tray, engine, n):
     shape = part('l_bracket')
     poses = drop(shape, n, engine=engine)
     assert (poses.status == RestStatus.SETTLED).all()
@@ -126,16 +103,7 @@ def test_scaled_part_height_and_gravity_give_scaled_poses(part, solid, mat, engi
     shape = part('l_bracket')
     weak = mat.changed(height=4 * mat.height, gravity=mat.gravity / 4)
     a, b = (
-        drop_range(
-            make_job(
-                solid(trimesh.Trimesh(1e3 * factor * shape.vertices, shape.faces, process=False)),
-                conditions,
-                1,
-                engine=engine,
-            ),
-            0,
-            n,
-        )
+        drop_range(make_job(scaled(shape, solid, factor), conditions, 1, engine=engine), 0, n)
         for factor, conditions in ((1, mat), (4, weak))
     )
     np.testing.assert_array_equal(b.orientation, a.orientation)
@@ -143,44 +111,26 @@ def test_scaled_part_height_and_gravity_give_scaled_poses(part, solid, mat, engi
     np.testing.assert_array_equal(b.time_to_rest, a.time_to_rest * 4)  # T = sqrt(R / g)
 
 
-def paired(ids, others):
-    """The probability of such changes of the aspects of the same drops, if none is preferred.
-
-    Of the drops that change, those that come to an aspect and those that leave it are the same
-    number but for chance (Stuart 1955).
-    """
-    aspects = max(ids.max(), others.max()) + 1
-    moves = np.zeros((aspects, aspects))
-    np.add.at(moves, (ids, others), 1)
-    excess = (moves.sum(axis=0) - moves.sum(axis=1))[:-1]
-    both = moves + moves.T
-    covariance = (np.diag(both.sum(axis=1)) - both)[:-1, :-1]
-    freedom = np.linalg.matrix_rank(covariance)
-    statistic = excess @ np.linalg.pinv(covariance) @ excess
-    return float(chi2.sf(statistic, freedom)) if freedom else 1.0
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
-def test_finer_steps_change_few_drops_and_no_share(drop, part, mat, name):
-    shape, n = part(name), 5000
+def test_finer_steps_change_few_drops(drop, part, mat, name):
+    shape, n = part(name), 2000
     fine = make_job(shape, mat, 1, refinement=4)
     assert fine.time_step == make_job(shape, mat, 1).time_step / 4
     aspects = find_aspects(shape)
     ids, others = (aspect_ids(aspects, p) for p in (drop(shape, n), drop_range(fine, 0, n)))
     assert (ids != others).mean() < 0.02
-    assert paired(ids, others) > LEVEL
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'surface'), [('l_bracket', 'rubber_mat'), ('t_prism', 'steel')])
 def test_both_engines_have_the_same_distribution(part, surfaces, name, surface):
-    # Samples of 250 tell differences of 0.13; `make validate` compares larger ones.
+    # Samples of 150 tell differences of 0.17; `make validate` compares larger ones.
     shape = part(name)
     aspects, job = find_aspects(shape), make_job(shape, surfaces.get(surface), 1)
     bullet = dataclasses.replace(job, engine=BULLET)
     counts = []
-    for each, n in ((job, 4000), (bullet, 250)):
+    for each, n in ((job, 4000), (bullet, 150)):
         counts.append(count_poses(aspects, drop_range(each, 0, n)).counts)
         assert counts[-1].sum() > 0.99 * n
     assert chi2_contingency(counts).pvalue > LEVEL
@@ -230,22 +180,22 @@ def random_solid(seed):
     """A random convex solid that a reflection, a half turn, an inversion or nothing maps to it."""
     generator = np.random.default_rng(seed)
     points = generator.normal(size=(8, 3)) * [20, 14, 10]
-    images = [[1, 1, 1], *([[1, 1, -1]], [[-1, -1, 1]], [[-1, -1, -1]], [])[seed % 4]]
+    images = [[1, 1, 1], *([[1, 1, -1]], [[-1, -1, 1]], [[-1, -1, -1]], [])[seed]]
     both = np.concatenate([points * signs for signs in images])
     return trimesh.convex.convex_hull(both)
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('which', ['l_bracket', 'hex_nut', *range(4)])
+@pytest.mark.parametrize('which', ['l_bracket', 1, 2])
 def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     part, solid, mat, which
 ):
-    n = 1500
+    n = 1000
     shape = part(which) if which in EXAMPLES else solid(random_solid(which))
     aspects = find_aspects(shape)
     counts = nearest_counts(aspects, drop_range(make_job(shape, mat, 1), 0, n))
     groups = image_groups(shape, aspects)
-    if which in EXAMPLES or which % 4 == 2:
+    if which != 1:
         assert len(groups) < len(aspects)
     assert equal_within(counts, groups) > LEVEL
     turned = trimesh.Trimesh(shape.vertices * 1e3, shape.faces, process=False)
@@ -257,14 +207,14 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
 
 
 @pytest.mark.slow
-def test_the_lowest_of_many_close_corners_is_found(solid, surfaces):
+def test_the_lowest_of_many_close_corners_is_found(solid, mat, hull_in_tray):
     # Neighbours so close to each other that facets are flat only within the tolerance.
-    points = np.random.default_rng(7).normal(size=(3000, 3))
+    points = np.random.default_rng(7).normal(size=(1500, 3))
     points *= np.array([10, 8, 6]) / np.linalg.norm(points, axis=1, keepdims=True)
     shape = solid(trimesh.convex.convex_hull(points))
-    job = make_job(shape, surfaces.get(), 1)
-    for engine, n in ((KERNEL, 100), (BULLET, 1)):
-        poses = drop_range(dataclasses.replace(job, engine=engine), 0, n)
+    assert len(shape.hull_vertices) == 1500
+    for engine, n in ((KERNEL, 50), (BULLET, 1)):
+        poses = drop_range(make_job(shape, mat, 1, engine=engine), 0, n)
         assert (poses.status == RestStatus.SETTLED).all()
         lowest = hull_in_tray(shape, poses)[..., 2].min(axis=1)
         assert (np.abs(lowest) < 1e-3 * shape.hull_radius).all()
@@ -276,12 +226,12 @@ def test_a_part_on_a_small_side_comes_to_rest(solid, mat, which):
     job = make_job(solid(random_solid(which)), mat, 1, until_still=True)
     poses = drop_range(job, 0, 100)
     assert (poses.status == RestStatus.SETTLED).all()
-    assert np.isfinite(poses.orientation).all()
 
 
 ON_SURFACES = [
-    *((name, 'rubber_mat') for name in EXAMPLES),
-    *(('l_bracket', surface) for surface in ('steel', 'thrown')),
+    *((name, 'rubber_mat', KERNEL) for name in EXAMPLES),
+    *(('l_bracket', surface, KERNEL) for surface in ('steel', 'thrown')),
+    ('l_bracket', 'rubber_mat', BULLET),
 ]
 
 
@@ -289,26 +239,28 @@ ON_SURFACES = [
 
 
 @pytest.mark.quick_cases(4)
-@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
-def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface):
+@pytest.mark.parametrize(('name', 'surface', 'engine'), ON_SURFACES)
+def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surface, engine):
     # The same drops, bit for bit, run on. A rule that is wrong once in 100 drops would pass once
     # in 150 times; `make validate` makes more.
     shape, conditions = part(name), surfaces.get(surface)
     # Those that roll run on for long.
-    n = 200 if name in ('cylinder_d20_h20', 'washer') else 500
+    n = 50 if engine == BULLET else 200 if name in ('cylinder_d20_h20', 'washer') else 500
     decided, still = (
-        drop_range(make_job(shape, conditions, 1, until_still=wait), 0, n)
+        drop_range(make_job(shape, conditions, 1, until_still=wait, engine=engine), 0, n)
         for wait in (False, True)
     )
     assert (decided.decided_by == DecidedBy.ENERGY).mean() > 0.9
     assert (still.decided_by == DecidedBy.STILLNESS).all()
     assert (still.status == RestStatus.SETTLED).all()
-    # No impact adds energy. Heights are as accurate as the distance at which corners touch.
-    assert decided.energy_growth.min() >= 0
-    assert decided.energy_growth.max() < kernel_data.GAP
+    if engine == KERNEL:
+        # No impact adds energy. Heights are as accurate as the distance at which corners touch.
+        assert decided.energy_growth.min() >= 0
+        assert decided.energy_growth.max() < kernel_data.GAP
     unit = math.sqrt(shape.hull_radius / conditions.gravity)
     later = still.time_to_rest - decided.time_to_rest
-    assert (later > -kernel.QUIET * unit).all()
+    delay = settling.CHECK_INTERVAL if engine == BULLET else kernel.QUIET
+    assert (later >= -delay * unit).all()
     aspects = find_aspects(shape)
     ids, expected = (aspects.classify(poses.orientation) for poses in (decided, still))
     np.testing.assert_array_equal(ids, expected)
@@ -316,23 +268,6 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
     assert len(np.unique(decided.orientation, axis=0)) == n
     if surface == 'thrown':  # where parts slide far
         assert decided.time_to_rest.mean() < still.time_to_rest.mean() / 1.5
-
-
-@pytest.mark.slow
-def test_aspect_decided_by_energy_in_bullet_is_the_resting_aspect(drop, part, mat):
-    shape, n = part('l_bracket'), 50
-    decided = drop(shape, n, engine=BULLET)
-    job = make_job(shape, mat, 1, until_still=True, engine=BULLET)
-    still = drop_range(job, 0, n)
-    assert (decided.decided_by == DecidedBy.ENERGY).mean() > 0.9
-    assert (still.decided_by == DecidedBy.STILLNESS).all()
-    assert (still.status == RestStatus.SETTLED).all()
-    later = still.time_to_rest - decided.time_to_rest
-    assert (later >= -settling.CHECK_INTERVAL * job.time_unit).all()
-    aspects = find_aspects(shape)
-    np.testing.assert_array_equal(
-        aspects.classify(decided.orientation), aspects.classify(still.orientation)
-    )
 
 
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
@@ -359,40 +294,27 @@ def test_threads_make_the_same_drops_at_the_same_time(part, surfaces, assert_sam
         for surface in ('rubber_mat', 'steel')
     ]
     whole = [drop_range(job, 0, 600) for job in jobs]
-    random = np.random.default_rng(1)
-    cuts = [np.sort(random.choice(599, 12, replace=False)) + 1 for _ in jobs]
-    asked = [
-        (k, int(first), int(end))
-        for k, each in enumerate(cuts)
-        for first, end in zip([0, *each], [*each, 600], strict=True)
-    ]
-    random.shuffle(asked)
+    asked = [(k, first, first + 50) for k in range(4) for first in range(0, 600, 50)]
+    np.random.default_rng(1).shuffle(asked)
     with ThreadPoolExecutor(7) as threads:
         found = threads.map(lambda each: drop_range(jobs[each[0]], *each[1:]), asked)
         for (k, first, end), poses in zip(asked, found, strict=True):
             assert_same_poses(poses, whole[k].between(first, end))
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 2 * GROUP)])
-def test_drops_differ_by_seed_and_index(drop, part, mat, engine, n):
-    shape = part('l_bracket')
-    whole = drop(shape, n, engine=engine)
-    other = drop_range(make_job(shape, mat, 2, engine=engine), 0, n)
-    assert (other.orientation != whole.orientation).any(axis=1).all()
-    assert len(np.unique(whole.orientation, axis=0)) == n
+def test_drops_differ_by_seed_and_index(part, mat):
+    runs = [drop_range(make_job(part('l_bracket'), mat, seed), 0, 1000) for seed in (1, 2)]
+    orientations = np.concatenate([poses.orientation for poses in runs])
+    assert len(np.unique(orientations, axis=0)) == 2000
 
 
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
 def test_maximum_seed_and_index_are_supported(part, mat, engine):
     job = make_job(part('tetrahedron'), mat, 2**64 - 1, engine=engine)
-    first = 2**64 - 3
-    poses = drop_range(job, first, first + 2)
-    assert (poses.first_drop, poses.end) == (first, first + 2)
-    assert (poses.status == RestStatus.SETTLED).all()
-    # Also where an integer exceeds 63 bits.
-    low = 2**63 - 1
-    assert len(drop_range(job, low, low + 2)) == 2
+    for first in (2**63 - 1, 2**64 - 3):  # also where an integer exceeds 63 bits
+        poses = drop_range(job, first, first + 2)
+        assert (poses.first_drop, poses.end) == (first, first + 2)
+        assert (poses.status == RestStatus.SETTLED).all()
 
 
 # -- Parts of every kind --------------------------------------------------------------------------
@@ -405,7 +327,7 @@ def test_a_roller_in_bullet_needs_rolling_friction_to_come_to_rest(mat, part):
         drop_range(
             make_job(shape, mat.changed(rolling_friction=f), 1, until_still=True, engine=BULLET),
             0,
-            4,
+            2,
         )
         for f in (0.05, 0.005)
     )
@@ -427,7 +349,7 @@ THIN = [
 def test_slender_and_thin_parts_rest_on_a_side(solid, mat, mesh, changes):
     shape = solid(mesh)
     aspects, job = find_aspects(shape), make_job(shape, mat.changed(**changes), 1)
-    for engine, n in ((KERNEL, 100), (BULLET, 4)):
+    for engine, n in ((KERNEL, 100), (BULLET, 2)):
         poses = drop_range(dataclasses.replace(job, engine=engine), 0, n)
         assert count_poses(aspects, poses).counts.sum() > 0.99 * n
 
@@ -454,19 +376,6 @@ def test_memory_of_bullet_does_not_grow_with_the_number_of_chunks(solid, mat):
     assert after - before < 50_000
 
 
-def scaled(shape, solid, factor):
-    """The part with all lengths multiplied."""
-    return solid(trimesh.Trimesh(shape.vertices * 1e3 * factor, shape.faces, process=False))
-
-
-@pytest.mark.parametrize(('name', 'surface'), ON_SURFACES)
-def test_no_impact_of_a_drop_adds_energy(part, surfaces, name, surface):
-    poses = drop_range(make_job(part(name), surfaces.get(surface), 1), 0, 500)
-    assert (poses.energy_growth >= 0).all()
-    # Heights are as accurate as the distance at which corners touch.
-    assert poses.energy_growth.max() < kernel_data.GAP
-
-
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 25)])
 @pytest.mark.parametrize(('scale', 'height'), [(20, 2.0), (0.05, 1e-3)])
 def test_very_small_and_very_large_parts_rest_in_an_aspect(
@@ -476,15 +385,3 @@ def test_very_small_and_very_large_parts_rest_in_an_aspect(
     shape = scaled(part('l_bracket'), solid, scale)
     poses = drop_range(make_job(shape, mat.changed(height=height), 1, engine=engine), 0, n)
     assert count_poses(find_aspects(shape), poses).counts.sum() > 0.99 * n
-
-
-@pytest.mark.slow
-def test_hull_with_many_vertices_is_supported(solid, mat):
-    ball = solid(trimesh.creation.icosphere(5, 10.0))
-    assert len(ball.hull_vertices) == 3000  # of 10242
-    for engine, n in ((KERNEL, 50), (BULLET, 1)):
-        job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=engine)
-        poses = drop_range(job, 0, n)
-        assert (poses.status == RestStatus.SETTLED).all()
-        height = poses.position[:, 2] + rotate(poses.orientation, ball.centre_of_mass)[:, 2]
-        assert height == pytest.approx(0.01, rel=2e-3)  # corners were left out

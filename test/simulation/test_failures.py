@@ -6,24 +6,16 @@ import math
 import numpy as np
 import pybullet
 import pytest
-from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation import release, settling
-from resting_aspects_ros.simulation.bullet_engine import GROUP
 from resting_aspects_ros.simulation.conditions import BULLET
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import RestStatus
 
 
-def hull_in_tray(part, poses):
-    """(n, k, 3) hull vertices of each drop where it rests."""
-    matrices = Rotation.from_quat(poses.orientation).as_matrix()
-    return part.hull_vertices @ matrices.transpose(0, 2, 1) + poses.position[:, None]
-
-
-def test_parts_that_lose_no_energy_are_unsettled(part, mat):
+def test_parts_that_lose_no_energy_are_unsettled(part, mat, hull_in_tray):
     conditions = mat.changed(restitution=1.0, friction=0.0)
     job = make_job(part('l_bracket'), conditions, 1)
     poses = drop_range(job, 0, 2)
@@ -32,8 +24,6 @@ def test_parts_that_lose_no_energy_are_unsettled(part, mat):
     given = release.TIME_LIMIT * job.time_unit
     assert (poses.time_to_rest >= given).all()
     assert (poses.time_to_rest < 1.05 * given).all()
-    assert np.isfinite(poses.position).all()
-    np.testing.assert_allclose(np.linalg.norm(poses.orientation, axis=1), 1, atol=1e-12)
     # Still bouncing, above the surface but for what an impact overlaps.
     lowest = hull_in_tray(part('l_bracket'), poses)[..., 2].min(axis=1)
     assert (lowest > -drop_job.TRAVEL_PER_STEP * job.radius).all()
@@ -62,47 +52,32 @@ def test_failed_drop_does_not_affect_other_drops(part, mat, monkeypatch, assert_
         assert_same_poses(poses.between(k, k + 1), sound.between(k, k + 1))
 
 
-@pytest.fixture
-def looks(part, mat, monkeypatch):
-    """Drop L brackets; the first is seen with factors of its speed in its first looks."""
-    job = make_job(part('l_bracket'), mat.changed(height=1.0), 1, engine=BULLET)
-    whole = pybullet.getBaseVelocity
-    monkeypatch.setattr(release, 'START_CLEARANCE', 20.0)  # it still falls
-
-    def drop(factors):
-        others = [1.0] * (GROUP - 1)
-        given = itertools.chain(*([f, *others] for f in factors), itertools.repeat(1.0))
-
-        def look(body, **where):
-            velocity, spin = whole(body, **where)
-            factor = next(given)
-            return tuple(factor * v for v in velocity), spin
-
-        with monkeypatch.context() as patch:
-            patch.setattr(pybullet, 'getBaseVelocity', look)
-            return job, drop_range(job, 0, 3)
-
-    return drop
-
-
 # Newton's law adds up to a half. So much faster, what falls from 1 m, 44 R, has more of all its
 # energy, which is 45 m g R with the height of the part itself.
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('growth', 'status'), [(0.45, 'SETTLED'), (0.56, 'FAILED')])
-def test_excessive_energy_growth_fails_a_drop(looks, growth, status):
-    # No input is known that does.
-    job, sound = looks([])
+@pytest.mark.parametrize(('growth', 'status'), [(0.56, 'FAILED'), (0.45, 'SETTLED')])
+def test_excessive_energy_growth_fails_a_drop(part, mat, monkeypatch, growth, status):
+    # No input is known that does; here Bullet shows the first part faster at its first look, while
+    # it still falls.
+    job = make_job(part('l_bracket'), mat.changed(height=1.0), 1, engine=BULLET)
+    monkeypatch.setattr(release, 'START_CLEARANCE', 20.0)
     fall = 1.0 / job.radius
-    assert (sound.energy_growth < 0.05).all()
-    assert (sound.energy_growth >= 0).all()
-    least = settling.MAX_GROWTH
-    assert 0.45 < least < 0.56
     speed = math.sqrt(2 * (fall - 20)) + settling.CHECK_INTERVAL
     faster = math.sqrt(1 + growth * (fall + 1) / (speed**2 / 2))
-    _, poses = looks([faster])
+    factors = itertools.chain([faster], itertools.repeat(1.0))
+    whole = pybullet.getBaseVelocity
+
+    def look(body, **where):
+        velocity, spin = whole(body, **where)
+        factor = next(factors)
+        return tuple(factor * v for v in velocity), spin
+
+    monkeypatch.setattr(pybullet, 'getBaseVelocity', look)
+    poses = drop_range(job, 0, 3)
     assert RestStatus(poses.status[0]).name == status
     assert poses.energy_growth[0] == pytest.approx(growth * (fall + 1), rel=0.02)
     assert (poses.status[1:] == RestStatus.SETTLED).all()
+    assert (poses.energy_growth[1:] < 0.05).all()
 
 
 @pytest.mark.slow

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.rotations import random_orientations
 from resting_aspects_ros.simulation import kernel, kernel_data
-from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.release import depth_of
@@ -27,26 +26,11 @@ UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])
 NONE = np.zeros((1, 3))
 
 
-def conditions(**values):
-    given = {
-        'height': 0.06,
-        'restitution': 0.5,
-        'friction': 0.3,
-        'rolling_friction': 0.0,
-        'spinning_friction': 0.0,
-        'gravity': 9.81,
-        'speed_horizontal': 0.0,
-        'speed_vertical': 0.0,
-        'spin': 0.0,
-    }
-    return DropConditions(**{**given, **values})
-
-
 class Lab:
     """A part on a level plane; lengths in R, times in T."""
 
-    def __init__(self, part, **values):
-        self.job = make_job(part, conditions(**values), 1)
+    def __init__(self, part, conditions):
+        self.job = make_job(part, conditions, 1)
         self.body, self.ground = body_of(self.job), ground_of(self.job)
         self.moments = self.job.moments
 
@@ -91,8 +75,9 @@ class Lab:
 
 
 @pytest.fixture
-def lab(solid):
-    return lambda mesh, **values: Lab(solid(mesh), **values)
+def lab(solid, mat):
+    given = {'restitution': 0.5, 'friction': 0.3, 'rolling_friction': 0.0}
+    return lambda mesh, **values: Lab(solid(mesh), mat.changed(**given | values))
 
 
 def box(*size):

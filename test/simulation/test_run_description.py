@@ -23,40 +23,22 @@ def plan(part, surfaces):
 
 
 @pytest.mark.parametrize(('engine', 'version'), [('kernel', '1'), ('bullet', '3.2.7')])
-def test_a_run_is_described_in_full(plan, part, surfaces, engine, version):
+def test_a_run_has_its_range_and_its_versions(plan, part, surfaces, engine, version):
     job, run = plan(seed=7, drops=10, first_drop=3, engine=engine)
-    assert dataclasses.asdict(run) == {
-        'run_id': 'r',
-        'part': 'l_bracket',
-        'part_sha256': part('l_bracket').part_sha256,
-        'conditions': dataclasses.asdict(surfaces.get()),
-        'seed': 7,
-        'first_drop': 3,
-        'drops': 10,
-        'precision': 0.0,
-        'engine': engine,
-        'engine_version': version,
-        'suite_version': __version__,
-        'time_step': job.time_step,
-        'started': 5,
-    }
-    assert run.end == 13
-    assert job.seed == 7
-    assert job.conditions is run.conditions
+    assert (run.first_drop, run.end, run.seed, job.seed) == (3, 13, 7, 7)
+    assert (run.engine, run.engine_version, run.suite_version) == (engine, version, __version__)
+    assert run.part_sha256 == part('l_bracket').part_sha256
+    assert job.conditions is run.conditions is surfaces.get()
+    assert run.time_step == job.time_step
 
 
 @pytest.mark.parametrize(
     ('asked', 'expected'),
     [
-        ({'drops': 0}, f'invalid drops 0: .* 1 to {MAX_DROPS}'),
         ({'drops': MAX_DROPS + 1}, f'invalid drops 2000001: .* 1 to {MAX_DROPS}'),
         ({'drops': 1.5}, 'invalid drops 1.5'),
-        ({'drops': True}, 'invalid drops True'),
-        ({'seed': -1}, f'invalid seed -1: .* 0 to {MAX_SEED}'),
-        ({'seed': 2**64}, f'invalid seed {2**64}'),
-        ({'seed': float('nan')}, 'invalid seed nan'),
+        ({'seed': 2**64}, f'invalid seed {2**64}: .* 0 to {MAX_SEED}'),
         ({'first_drop': -1}, f'invalid first_drop -1: .* 0 to {MAX_SEED - 100}'),
-        ({'first_drop': 2**64}, f'invalid first_drop {2**64}'),
         ({'engine': 'odd'}, "invalid engine 'odd': expected kernel, cuda or bullet"),
     ],
 )
@@ -65,14 +47,19 @@ def test_invalid_values_are_rejected(plan, asked, expected):
         plan(**asked)
 
 
-def test_sequence_is_equal_for_the_same_drops(plan, surfaces):
+def test_sequence_is_equal_for_the_same_drops_only(plan, surfaces):
     _, run = plan()
-    _, same = plan(drops=5, first_drop=50, run_id='other', started=9)
-    assert same.sequence() == run.sequence()
     renamed = dataclasses.replace(surfaces.get(), surface='')
-    assert plan(renamed)[1].sequence() == run.sequence()
-    assert plan(seed=2)[1].sequence() != run.sequence()
-    assert plan(surfaces.get().changed(friction=0.3))[1].sequence() != run.sequence()
+    _, same = plan(renamed, drops=5, first_drop=50, run_id='other', started=9)
+    assert same.sequence() == run.sequence()
+    others = [
+        plan(seed=2)[1],
+        plan(surfaces.get().changed(friction=0.3))[1],
+        plan(engine='bullet')[1],
+        *(dataclasses.replace(run, **{name: '9'}) for name in ('engine_version', 'suite_version')),
+        dataclasses.replace(run, time_step=1.0),
+    ]
+    assert run.sequence() not in [each.sequence() for each in others]
 
 
 @pytest.mark.parametrize(
@@ -86,10 +73,3 @@ def test_bullet_simulates_only_what_the_kernel_cannot(plan, surfaces, kind, engi
     if engine == 'bullet':
         with pytest.raises(InvalidValueError, match='invalid engine kernel: expected bullet'):
             plan(conditions, engine='kernel')
-
-
-def test_sequence_differs_by_engine_version_and_timestep(plan):
-    _, run = plan()
-    assert plan(engine='bullet')[1].sequence() != run.sequence()
-    for changes in ({'engine_version': '9'}, {'suite_version': '9'}, {'time_step': 1.0}):
-        assert dataclasses.replace(run, **changes).sequence() != run.sequence()

@@ -103,63 +103,32 @@ def test_parts_at_rest_start_on_the_surface(box, aspects, mat):
 # -- Kicks and disturbances -----------------------------------------------------------------------
 
 
-def test_kick_has_the_stated_means_and_deviations(box, aspects, mat):
+def test_kick_has_the_stated_means_and_deviations(box, aspects, mat, assert_deviations):
     assert Kick(speed=0.5) == Kick(speed=0.5, speed_spread=0.1, horizontal_spread=0.05)
     kick = Kick(speed=0.5, speed_spread=0.05, horizontal_spread=0.02, spin=8.0)
     states = rest_starts(box, aspects, kick, mat).states(MANY, generator())
-    n = len(MANY)
-    for sample, mean, deviation in (
-        (states.velocity[:, 2], 0.5, 0.05),
-        (states.velocity[:, 0], 0.0, 0.02),
-        (states.velocity[:, 1], 0.0, 0.02),
-        *((states.spin[:, axis], 0.0, 8.0) for axis in range(3)),
-    ):
-        assert abs(sample.mean() - mean) < 4 * deviation / math.sqrt(n)
-        assert abs(sample.std() - deviation) < 4 * deviation / math.sqrt(2 * n)
+    assert_deviations(states.velocity, [0, 0, 0.5], [0.02, 0.02, 0.05])
+    assert_deviations(states.spin, 0, [8, 8, 8])
 
 
-def test_disturbances_have_the_energy_of_the_lift(box, aspects, mat):
+def test_disturbances_share_the_energy_of_the_lift_equally(box, aspects, mat):
     lift = np.array([[0.001, 0.004]] * 6)
     states = disturbance_starts(box, aspects, lift, mat).states(MANY, generator())
     body_rates = rotation(states).inv().apply(states.spin)
-    kinetic = box.mass * (states.velocity**2).sum(axis=1) / 2
-    kinetic += np.einsum('ni,ij,nj->n', body_rates, box.inertia, body_rates) / 2
-    expected = box.mass * mat.gravity * lift.ravel()[MANY % 12]
-    np.testing.assert_allclose(kinetic, expected, rtol=1e-12)
-    assert (states.velocity[:, 2] >= 0).all()
-
-
-def test_disturbances_share_the_energy_equally(box, aspects, mat):
-    lift = np.full((6, 1), 0.01)
-    states = disturbance_starts(box, aspects, lift, mat).states(MANY, generator())
-    body_rates = rotation(states).inv().apply(states.spin)
-    energy = box.mass * mat.gravity * 0.01
-    parts = [box.mass * states.velocity[:, axis] ** 2 / 2 / energy for axis in range(3)]
     moments, axes = np.linalg.eigh(box.inertia)
-    parts += list((moments * (body_rates @ axes) ** 2 / 2 / energy).T)
+    energies = np.hstack([box.mass * states.velocity**2, moments * (body_rates @ axes) ** 2]) / 2
+    shares = energies / (box.mass * mat.gravity * lift.ravel()[MANY % 12])[:, None]
+    np.testing.assert_allclose(shares.sum(axis=1), 1, rtol=1e-12)
+    assert (states.velocity[:, 2] >= 0).all()
     # The square of a component of a uniform direction in six dimensions has the distribution
     # beta(1/2, 5/2), with mean 1/6 and variance 5/144.
-    for each in parts:
-        assert abs(each.mean() - 1 / 6) < 4 * math.sqrt(5 / 144 / len(MANY))
+    assert (np.abs(shares.mean(axis=0) - 1 / 6) < 4 * math.sqrt(5 / 144 / len(MANY))).all()
 
 
 @pytest.mark.parametrize('lift', [0.0, -0.01, math.nan, 2.0])
 def test_impossible_lift_is_refused(box, aspects, lift, mat):
     with pytest.raises(InvalidValueError, match='invalid lift height'):
         disturbance_starts(box, aspects, np.full((6, 1), lift), mat)
-
-
-def test_declared_maximum_speed_is_not_exceeded(box, aspects, mat):
-    lift = np.full((6, 1), 0.01)
-    corners = box.hull_vertices - box.centre_of_mass
-    for starts in (
-        disturbance_starts(box, aspects, lift, mat),
-        rest_starts(box, aspects, Nozzle(impulse=0.05, height=0.002), mat),
-    ):
-        states = starts.states(MANY[:500], generator())
-        arms = np.stack([rotation(states).apply(corner) for corner in corners], axis=1)
-        speeds = states.velocity[:, None] + np.cross(states.spin[:, None], arms)
-        assert np.linalg.norm(speeds, axis=2).max() <= starts.max_speed
 
 
 # -- Nozzles --------------------------------------------------------------------------------------
@@ -178,19 +147,14 @@ def jet_on_box(box, aspects, mat):
     return after
 
 
-def test_jet_through_the_centre_of_mass_only_pushes(box, jet_on_box):
-    height = float(np.ptp(box.hull_vertices[:, 2])) / 2
-    after = jet_on_box(impulse=0.01, height=height)
-    np.testing.assert_allclose(after.velocity[0], [0.01 / box.mass, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(after.spin[0], 0, atol=1e-9)
-
-
-def test_jet_above_the_centre_of_mass_turns_the_part(box, jet_on_box):
+@pytest.mark.parametrize(('share', 'hits'), [(0.5, True), (0.75, True), (1.01, False)])
+def test_jet_pushes_and_turns_by_its_arm(box, jet_on_box, share, hits):
     sides = np.ptp(box.hull_vertices, axis=0)
-    after = jet_on_box(impulse=0.01, height=sides[2] * 0.75)
+    after = jet_on_box(impulse=0.01, height=share * sides[2])
+    impulse, arm = 0.01 * hits, (share - 0.5) * sides[2]
     moment = box.mass * (sides[0] ** 2 + sides[2] ** 2) / 12
-    np.testing.assert_allclose(after.velocity[0, 0], 0.01 / box.mass)
-    np.testing.assert_allclose(after.spin[0], [0, 0.01 * sides[2] / 4 / moment, 0], atol=1e-9)
+    np.testing.assert_allclose(after.velocity[0], [impulse / box.mass, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(after.spin[0], [0, impulse * arm / moment, 0], atol=1e-9)
 
 
 def test_inclined_jet_hits_the_near_face(box, jet_on_box):
@@ -202,29 +166,16 @@ def test_inclined_jet_hits_the_near_face(box, jet_on_box):
     np.testing.assert_allclose(after.spin[0], 0, atol=1e-9)
 
 
-def test_part_that_the_jet_misses_stays(box, jet_on_box):
-    height = float(np.ptp(box.hull_vertices[:, 2]))
-    after = jet_on_box(impulse=0.01, height=1.01 * height)
-    assert not after.velocity.any()
-    assert not after.spin.any()
-
-
 # -- Given states ---------------------------------------------------------------------------------
 
 
-def test_noise_has_the_stated_deviations():
+def test_noise_has_the_stated_deviations(assert_deviations):
     given = GivenStates([[0, 0, 1.0]], [[0, 0, 0, 1]], [[1.0, 2, 3]], [[4.0, 5, 6]])
     noise = Noise(orientation=0.02, velocity=0.03, spin=0.4)
     states = GivenStarts(given, noise, GRAVITY, 0.01).states(MANY, generator())
-    turns = rotation(states).as_rotvec()
-    n = len(MANY)
-    for sample, mean, deviation in (
-        *((turns[:, k], 0.0, 0.02) for k in range(3)),
-        *((states.velocity[:, k], 1.0 + k, 0.03) for k in range(3)),
-        *((states.spin[:, k], 4.0 + k, 0.4) for k in range(3)),
-    ):
-        assert abs(sample.mean() - mean) < 4 * deviation / math.sqrt(n)
-        assert abs(sample.std() - deviation) < 4 * deviation / math.sqrt(2 * n)
+    assert_deviations(rotation(states).as_rotvec(), 0, [0.02] * 3)
+    assert_deviations(states.velocity, [1, 2, 3], [0.03] * 3)
+    assert_deviations(states.spin, [4, 5, 6], [0.4] * 3)
 
 
 def test_spin_of_given_states_is_in_part_axes():
@@ -240,9 +191,7 @@ def test_spin_of_given_states_is_in_part_axes():
         ({'position': [[0, 0]]}, r'invalid shape \(1, 2\) of position'),
         ({'orientation': [[0, 0, 0, 0]]}, 'invalid orientation'),
         ({'orientation': []}, 'expected at least one'),
-        ({'velocity': [[0, 0, math.nan]]}, 'invalid velocity'),
         ({'spin': [[0, 0, math.inf]]}, 'invalid spin'),
-        ({'velocity': [[0, 0, 0], [0, 0, 0]]}, 'invalid shape'),
     ],
 )
 def test_impossible_states_are_refused(values, message):
@@ -276,7 +225,7 @@ def test_subset_of_a_chunk_has_the_same_poses(box, aspects, mat, assert_same_pos
 def test_energy_below_the_barrier_keeps_every_part(part, solid, solids, mat, name):
     """Simulated until the part is still, because the energy rule would decide at once."""
     fillets = name == 'filleted_box'
-    shape, each = solid(solids.filleted_box((20, 20, 20), 1, 6)) if fillets else part(name), 50
+    shape, each = solid(solids.filleted_box((20, 20, 20), 1, 6)) if fillets else part(name), 25
     aspects = find_aspects(shape)
     kept = [a for a in aspects if a.min_barrier > 0.1 * shape.hull_radius]
     lift = np.array([[0.98 * a.min_barrier] for a in kept])
@@ -289,30 +238,6 @@ def test_energy_below_the_barrier_keeps_every_part(part, solid, solids, mat, nam
     assert np.median(np.hypot(*poses.position[:, :2].T)) > 2e-3 * shape.hull_radius
 
 
-def sliding_block(solid, mat, speed, friction, **how):
-    """Return the poses and the job of a flat block that starts to slide."""
-    block = solid(trimesh.creation.box([30.0, 30.0, 10.0]))
-    given = GivenStates([[0, 0, 0.005]], [[0, 0, 0, 1]], [[speed, 0, 0]], [[0, 0, 5.0]])
-    starts = GivenStarts(given, Noise(), GRAVITY, block.hull_radius)
-    conditions = mat.changed(restitution=0.0, friction=friction, rolling_friction=0.0)
-    job = make_job(block, conditions, 1, starts=starts, **how)
-    return drop_range(job, 0, 1), job
-
-
-def test_flat_sliding_part_is_decided_before_it_stops(solid, mat):
-    """It slides by v^2 / 2 mu g; its energy is far above the barrier for most of the way."""
-    speed, friction = 1.5, 0.1
-    decided, job = sliding_block(solid, mat, speed, friction)
-    still, _ = sliding_block(solid, mat, speed, friction, until_still=True)
-    assert speed**2 / (2 * GRAVITY * job.radius) > 5
-    assert decided.time_to_rest[0] < 3 * job.time_unit
-    # The spin lets it slide further, as its friction then partly acts against the spin.
-    distance = speed**2 / (2 * friction * GRAVITY)
-    assert distance < still.position[0, 0] < 1.2 * distance
-    down = [down_in_part(poses.orientation)[0] for poses in (decided, still)]
-    np.testing.assert_allclose(*down, atol=1e-3)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('sides', 'friction'),
@@ -320,7 +245,7 @@ def test_flat_sliding_part_is_decided_before_it_stops(solid, mat):
 )
 def test_sliding_parts_that_are_decided_keep_their_aspect(solid, mat, sides, friction):
     """Some can be tipped by friction: if its arm is longer than half of the base."""
-    block, n = solid(trimesh.creation.box(sides)), 150
+    block, n = solid(trimesh.creation.box(sides)), 75
     generator = np.random.default_rng(4)
     velocity, spin = np.zeros((2, n, 3))
     velocity[:, :2] = generator.normal(size=(n, 2)) * 0.5
@@ -340,6 +265,7 @@ def test_sliding_parts_that_are_decided_keep_their_aspect(solid, mat, sides, fri
     flat = np.abs(down_in_part(still.orientation)[:, 2]) > 0.9
     if friction * sides[2] < min(sides[:2]) / 2:
         assert flat.all()
+        assert decided.time_to_rest.mean() < still.time_to_rest.mean()
     elif friction * sides[2] > 2 * sides[0]:
         assert not flat.all()
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, chi2_contingency, kstest
 
-from resting_aspects_ros.api.runner import TransitionTally
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import rotate
@@ -19,18 +18,16 @@ from resting_aspects_ros.simulation import job as drop_job
 from resting_aspects_ros.simulation.actions import (
     MAX_ACCELERATION,
     RAMP_PERIODS,
-    STEPS_PER_PERIOD,
     Actions,
     Vibration,
 )
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL, actions_file
-from resting_aspects_ros.simulation.job import make_job, plan_run
+from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.starts import Action, rest_starts
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestStatus
-from resting_aspects_ros.statistics.transitions import no_actions
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3
@@ -47,63 +44,49 @@ STRONG = Vibration(
 )
 
 
-def vibration_job(part, conditions, vibration, seed=1, aspects=None, **options):
-    chosen = find_aspects(part).aspects[:aspects]
-    starts = rest_starts(part, chosen, vibration, conditions)
-    return make_job(part, conditions, seed, starts=starts, **options)
+def vibration_job(part, conditions, vibration, **options):
+    starts = rest_starts(part, find_aspects(part).aspects, vibration, conditions)
+    return make_job(part, conditions, 1, starts=starts, **options)
 
 
 # -- Motion of the plate --------------------------------------------------------------------------
 
-amplitudes = st.floats(0, 1e-3)
+amplitudes = st.floats(0, 1e-6)
 phases = st.floats(-6, 6)
-
-
-@given(
-    st.floats(5, 200),
-    st.floats(10, 30),
-    st.tuples(amplitudes, amplitudes, st.floats(1e-5, 0.05), st.floats(0, 0.05)),
-    st.tuples(phases, phases),
-    st.floats(0, 1),
+plates = st.builds(
+    Vibration,
+    frequency=st.floats(5, 200),
+    duration=st.just(2.0),
+    plate_size=st.just(1e-3),
+    vertical_amplitude=amplitudes,
+    horizontal_amplitude=amplitudes,
+    horizontal_phase=phases,
+    rocking_x=st.floats(1e-5, 0.05),
+    rocking_y=st.floats(0, 0.05),
+    rocking_phase=phases,
 )
-def test_velocity_is_the_derivative_of_the_pose(frequency, periods, sizes, phase, moment):
-    vertical, horizontal, rocking_x, rocking_y = sizes
-    duration = periods / frequency
-    plate = Vibration(
-        frequency=frequency,
-        duration=duration,
-        plate_size=1e-3,
-        vertical_amplitude=vertical / 1e3,
-        horizontal_amplitude=horizontal / 1e3,
-        horizontal_phase=phase[0],
-        rocking_x=rocking_x,
-        rocking_y=rocking_y,
-        rocking_phase=phase[1],
-    )
-    step = 1e-4 / frequency
-    time = moment * duration
+
+
+@given(plates, st.floats(0, 2))
+def test_velocity_is_the_derivative_of_the_pose(plate, time):
+    step = 1e-4 / plate.frequency
     (before, after), turned = plate.pose(np.array([time - step, time + step]))
     velocity, spin = plate.velocity(np.array([time]))
     one, other = Rotation.from_quat(turned)
     turn = (other * one.inv()).as_rotvec() / (2 * step)
-    fastest = 2 * math.pi * frequency
+    fastest = 2 * math.pi * plate.frequency
     np.testing.assert_allclose((after - before) / (2 * step), velocity[0], atol=1e-9 * fastest)
     np.testing.assert_allclose(turn, spin[0], atol=1e-6 * fastest)
 
 
-def test_motion_begins_and_ends_at_rest_in_the_tray_frame():
+def test_motion_begins_and_ends_at_rest_and_has_its_amplitudes():
     time = np.array([-1.0, 0.0, STRONG.duration, STRONG.duration + 1])
     position, orientation = STRONG.pose(time)
     np.testing.assert_array_equal(position, 0)
     np.testing.assert_array_equal(orientation, [[0, 0, 0, 1]] * 4)
-    for values in STRONG.velocity(time):
-        np.testing.assert_array_equal(values, 0)
-
-
-def test_amplitudes_are_reached_between_the_ramps():
+    np.testing.assert_array_equal(STRONG.velocity(time), np.zeros((2, 4, 3)))
     ramp = RAMP_PERIODS / STRONG.frequency
-    time = np.linspace(ramp, STRONG.duration - ramp, 4001)
-    position, orientation = STRONG.pose(time)
+    position, orientation = STRONG.pose(np.linspace(ramp, STRONG.duration - ramp, 4001))
     assert np.abs(position).max(axis=0) == pytest.approx([5e-4, 0, 2e-3], rel=1e-5)
     turn = Rotation.from_quat(orientation).as_rotvec()
     assert np.abs(turn).max(axis=0) == pytest.approx([1e-3, 5e-4, 0], rel=1e-5)
@@ -270,29 +253,18 @@ def test_parts_start_at_uniform_places_of_the_plate(part, mat):
     assert not states.spin.any()
 
 
-def transitions(part, conditions, n, **options):
-    """Counts of start and end aspects; the parts that were lost are the first column."""
-    poses = drop_range(vibration_job(part, conditions, STRONG, **options), 0, n)
-    counts = np.zeros((5, 6))
-    np.add.at(counts, (np.arange(n) % 5, aspect_ids(find_aspects(part), poses)), 1)
-    assert counts.sum(axis=0).min() > 0
-    return counts
-
-
-def same_rows(counts, others):
-    """The probability of such differences of the rows if both have the same distributions."""
-    statistic = freedom = 0.0
-    for table in np.stack([counts, others], axis=1):
-        found = chi2_contingency(table[:, table.sum(axis=0) > 0])
-        statistic, freedom = statistic + found.statistic, freedom + found.dof
-    return chi2.sf(statistic, freedom)
-
-
 @pytest.mark.slow
 def test_finer_steps_keep_the_transitions(part, mat):
-    shape = part('l_bracket')
-    counts = [transitions(shape, mat, 1000, refinement=refinement) for refinement in (1, 4)]
-    assert same_rows(*counts) > LEVEL
+    shape, n = part('l_bracket'), 1000
+    starts, counts = np.arange(n) % 5, []
+    for refinement in (1, 4):
+        poses = drop_range(vibration_job(shape, mat, STRONG, refinement=refinement), 0, n)
+        counts.append(np.zeros((5, 6)))
+        np.add.at(counts[-1], (starts, aspect_ids(find_aspects(shape), poses)), 1)
+    # Each start aspect is compared; the parts that were lost are the first column.
+    found = [chi2_contingency(rows[:, rows.sum(axis=0) > 0]) for rows in np.stack(counts, axis=1)]
+    freedom = sum(each.dof for each in found)
+    assert chi2.sf(sum(each.statistic for each in found), freedom) > LEVEL
 
 
 @pytest.mark.quick_cases(1)
@@ -307,16 +279,11 @@ def test_actions_do_not_depend_on_other_actions(part, mat, assert_same_poses, en
 
 
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 200), (BULLET, 25)])
-def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
+def test_lost_parts_left_the_plate(part, mat, engine, n):
     shape = part('l_bracket')
     # While the plate moves along, its edge does, too.
     small = dataclasses.replace(STRONG, plate_size=0.05, horizontal_amplitude=0.0)
-    aspects = find_aspects(shape)
-    starts = rest_starts(shape, aspects, small, mat)
-    job, run = plan_run(
-        shape, mat, seed=1, drops=n, run_id='', started=0, starts=starts, engine=engine
-    )
-    poses = drop_range(job, 0, n)
+    poses = drop_range(vibration_job(shape, mat, small, engine=engine), 0, n)
     centre = poses.position + rotate(poses.orientation, shape.centre_of_mass)
     beyond = np.abs(centre[:, :2]).max(axis=1) - 0.05 / 2
     lost = poses.status == RestStatus.LOST
@@ -324,34 +291,15 @@ def test_lost_parts_left_the_plate_and_are_counted(part, mat, engine, n):
     assert beyond[~lost].max() < 0
     assert n / 8 < lost.sum() < n
     assert (poses.status[~lost] == RestStatus.SETTLED).all()
-    tally = TransitionTally(no_actions(aspects), run.drops)
-    tally.add(poses, aspect_ids(aspects, poses))
-    assert tally.matrix.counts[:, -1].sum() == lost.sum()
-    assert tally.matrix.actions.tolist() == [n / 5] * 5
 
 
-# -- Time steps and values ------------------------------------------------------------------------
-
-
-def test_time_step_of_bullet_resolves_the_vibration(part, mat):
-    shape = part('l_bracket')
-    quick = Vibration(400.0, 0.1, 0.1, vertical_amplitude=1e-5, rocking_x=1e-5)
-    step = vibration_job(shape, mat, quick, engine=BULLET).time_step
-    assert step <= 1 / (400.0 * STEPS_PER_PERIOD)
-    slow = vibration_job(shape, mat, dataclasses.replace(STRONG, frequency=25.0), engine=BULLET)
-    assert slow.steps_per_t == drop_job.MOTION_STEPS_PER_T
-    wide = Vibration(10.0, 1.0, 0.1, vertical_amplitude=0.1, rocking_x=1e-5)
-    job = vibration_job(shape, mat, wide, engine=BULLET)
-    travel = 3 * 0.1 * 2 * math.pi * 10.0 * job.time_step / job.radius
-    assert 0.95 * drop_job.TRAVEL_PER_STEP < travel <= drop_job.TRAVEL_PER_STEP
+# -- Values ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ('changes', 'expected'),
     [
         ({'duration': '200ms'}, "invalid duration '200ms': expected a plain number in s, "),
-        ({'frequency': 0.0}, 'invalid frequency 0.0: expected more than 0 and at most 1000 Hz'),
-        ({'rocking_phase': 7.0}, 'invalid rocking_phase 7.0: expected -6.28'),
         ({'duration': 0.39}, 'invalid duration 0.39: expected at least 0.4 s, two ramps of 5'),
         ({'rocking_x': 5e-6, 'rocking_y': 0}, 'invalid rocking 5e-06: expected rocking_x or'),
         (
@@ -374,9 +322,6 @@ def test_too_long_or_too_fast_vibration_of_a_part_is_rejected(part, mat):
     expected = f'^invalid duration 3600 s: expected at most {longest:.4g} s for this part, which'
     with pytest.raises(InvalidValueError, match=expected):
         vibration_job(shape, mat, endless)
-    # The convergence check may still repeat the longest with finer steps.
-    most = dataclasses.replace(STRONG, duration=0.999 * longest)
-    assert vibration_job(shape, mat, most, refinement=2).refinement == 2
     wild = Vibration(0.5, 20.0, 0.1, vertical_amplitude=0.1, rocking_x=1e-5)
     with pytest.raises(InvalidValueError, match=r'^invalid impact speed '):
         vibration_job(shape, mat.changed(gravity=1e-5), wild)

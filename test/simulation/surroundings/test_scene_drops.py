@@ -6,26 +6,17 @@ import math
 import numpy as np
 import pytest
 import trimesh
-from surroundings_symmetry import (
-    CHIRAL,
-    LEVEL,
-    counts_on_belt,
-    mirrored_chute,
-    same,
-    tilted_plane,
-)
+from surroundings_symmetry import CHIRAL, LEVEL, counts_on_belt, mirrored_chute, same, tilted_plane
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation import kernel_engine, settling
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import (
     BowlTrack,
     Chute,
-    Corner,
     Plane,
     Slope,
     Tray,
@@ -53,19 +44,6 @@ def make(rubber):
 # -- Nothing but the index decides ---------------------------------------------------------------
 
 
-def test_omitted_fall_onto_a_slope_is_a_free_fall(part, make):
-    # A spin too small to matter, with which the fall is not left out.
-    job, n = make(part('l_bracket'), Slope(0.3)), 50
-    whole = dataclasses.replace(job, conditions=job.conditions.changed(spin=1e-12))
-    short, full = (initial_states(each, 0, n) for each in (job, whole))
-    t, down = short.elapsed[:, None], job.scene.down
-    assert (t > 0).all()
-    np.testing.assert_allclose(short.velocity, full.velocity + t * down, atol=1e-9)
-    np.testing.assert_allclose(
-        short.position, full.position + full.velocity * t + t**2 / 2 * down, atol=1e-9
-    )
-
-
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
 @pytest.mark.parametrize('kind', [Slope(0.0), Plane()], ids=['slope', 'plane'])
 def test_a_level_slope_is_the_plane(part, make, assert_same_poses, kind, engine):
@@ -75,12 +53,15 @@ def test_a_level_slope_is_the_plane(part, make, assert_same_poses, kind, engine)
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 700), (BULLET, 30)])
-@pytest.mark.parametrize('kind', [Chute(), Tray(length=0.2, width=0.1)], ids=['chute', 'tray'])
+@pytest.mark.parametrize(
+    ('kind', 'engine', 'n'),
+    [(Tray(length=0.2, width=0.1), KERNEL, 700), (Chute(), BULLET, 28)],
+    ids=['tray', 'chute'],
+)
 def test_drops_do_not_depend_on_other_drops(part, make, assert_same_poses, kind, engine, n):
     job = make(part('tetrahedron'), kind, engine)
     many = drop_range(job, 0, n)
-    for first, end in [(24, 27), (4, 8), (0, 1), (n - 10, n)]:
+    for first, end in [(24, 27), (4, 8), (0, 1)]:
         assert_same_poses(drop_range(job, first, end), many.between(first, end))
 
 
@@ -128,22 +109,19 @@ def test_the_time_limit_holds(part, make, monkeypatch, engine, n):
 
 @pytest.mark.slow
 def test_a_plane_tilted_with_gravity_gives_the_distribution_of_the_plane(part, make):
-    shape, n = part('l_bracket'), 5000
-    aspects = find_aspects(shape)
-    level = make(shape)
+    shape, n = part('l_bracket'), 2000
+    level = dataclasses.replace(make(shape), until_still=True)
     tilted = tilted_plane(level, 0.5)
     np.testing.assert_allclose(tilted.scene.down, -tilted.scene.bodies[0].normal, atol=1e-12)
-    found = count_poses(aspects, drop_range(tilted, 0, n))
-    still = dataclasses.replace(level, until_still=True)
-    expected = count_poses(aspects, drop_range(still, 0, n))
-    assert min(found.counts.sum(), expected.counts.sum()) > 0.999 * n
-    assert same(found.counts, expected.counts) > LEVEL
+    runs = [count_poses(find_aspects(shape), drop_range(each, 0, n)) for each in (level, tilted)]
+    assert min(found.counts.sum() for found in runs) > 0.999 * n
+    assert same(*(found.counts for found in runs)) > LEVEL
 
 
 @pytest.mark.slow
 def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make):
     shape, image = (solid(trimesh.convex.convex_hull(CHIRAL * [1, y, 1])) for y in (1, -1))
-    n, job = 2000, make(shape, Chute())
+    n, job = 1000, make(shape, Chute())
     other = mirrored_chute(make(image, Chute()))
     aspects = find_aspects(shape)
     counts = []
@@ -156,7 +134,6 @@ def test_a_mirrored_chute_gives_mirrored_shares_of_the_mirrored_part(solid, make
 
 FLAT = {
     'groove': (VGroove(math.radians(100), pitch=0.1), {}),
-    'corner': (Corner(), {}),
     'chute with a belt': (Chute(roll=0.3), {'bodies': {'belt': {'speed': 0.2}}}),
 }
 
@@ -169,7 +146,7 @@ def test_both_engines_have_the_same_outcomes(part, make, name):
     kind, more = FLAT[name]
     aspects = find_aspects(shape)
     counts = []
-    for engine, n in ((KERNEL, 4000), (BULLET, 80)):  # tells differences of 0.25
+    for engine, n in ((KERNEL, 2000), (BULLET, 80)):  # tells differences of 0.25
         job = dataclasses.replace(make(shape, kind, engine, **more), seed=2)
         counts.append(counts_on_belt(job, aspects, drop_range(job, 0, n), 1))
     assert same(*counts) > LEVEL

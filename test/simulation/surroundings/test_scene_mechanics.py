@@ -11,17 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.conditions import BULLET
-from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
+from resting_aspects_ros.simulation.job import CONTACT_STEPS
 from resting_aspects_ros.simulation.kernel import RESIDUAL
 from resting_aspects_ros.simulation.release import InitialState
 from resting_aspects_ros.simulation.scene import X
-from resting_aspects_ros.simulation.settling import (
-    CHECK_INTERVAL,
-    REST_WINDOW,
-    WINDOW,
-    SceneSettling,
-    Settling,
-)
+from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, WINDOW, SceneSettling
 from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.simulation.surroundings_kinds import Chute, Corner, Slope, VGroove, Wall
 from resting_aspects_ros.statistics.poses import RestStatus
@@ -37,6 +31,18 @@ STEP = 1 / CONTACT_STEPS
 @pytest.fixture(scope='module')
 def block(solid):
     return solid(trimesh.creation.box((30, 20, 10)))
+
+
+@pytest.fixture(scope='module')
+def roller(solid):
+    """A cylinder along x with a number of sides."""
+
+    def make(sides):
+        mesh = trimesh.creation.cylinder(5, 40, sections=sides)
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 2, [0, 1, 0]))
+        return solid(mesh)
+
+    return make
 
 
 # -- Slopes ---------------------------------------------------------------------------------------
@@ -57,18 +63,6 @@ def test_a_block_slides_on_a_slope_above_the_friction_angle(block, job_in):
     gained = placed.run(5).velocity[:, 0]
     assert np.abs(gained - expected * placed.time).max() < 1e-4 * placed.time[0]
     assert (placed.settle() == RestStatus.SLIDING).all()
-
-
-@pytest.mark.parametrize('degrees', [0, 10])
-@pytest.mark.parametrize('friction', [0.25, 0.5])
-def test_sliding_distance_downhill(block, job_in, degrees, friction):
-    angle, speed = math.radians(degrees) + 1e-9, 0.5
-    placed = flat_on(job_in(block, Slope(angle), friction=friction), YAWS, (speed, 0, 0))
-    slowed = friction * math.cos(angle) - math.sin(angle)
-    assert (placed.settle() == RestStatus.SETTLED).all()
-    distance = placed.states.position[:, 0]
-    # In the last step, it can stop earlier or later by half of a step.
-    assert distance == pytest.approx(speed**2 / 2 / slowed, abs=slowed * STEP**2)
 
 
 def test_friction_acts_against_the_motion_in_any_direction(block, job_in):
@@ -98,17 +92,15 @@ def test_a_block_tips_where_its_centre_of_mass_is_beyond_its_edge(solid, job_in,
 # -- Grooves and walls ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(('right', 'left'), [(30, 60), (45, 45), (20, 50)])
+@pytest.mark.parametrize(('right', 'left'), [(30, 60), (20, 50)])
 @pytest.mark.parametrize('rough', ['right', 'left'])
 def test_a_roller_that_slides_along_a_groove_feels_the_normal_force(
-    solid, job_in, right, left, rough
+    roller, job_in, right, left, rough
 ):
     # In the scene frame both planes of a groove are equally steep; the roll makes the difference.
     b1, b2 = np.radians([right, left])
     groove = VGroove(math.pi - b1 - b2, roll=(b2 - b1) / 2)
-    roller = trimesh.creation.cylinder(5, 40, sections=64)
-    roller.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 2, [0, 1, 0]))
-    job = job_in(solid(roller), groove, {rough: {'friction': 0.1}}, friction=0.0)
+    job = job_in(roller(64), groove, {rough: {'friction': 0.1}}, friction=0.0)
     assert job.scene.half_spaces[0].name == 'right'
     angles = [math.acos(-float(plane.normal @ job.scene.down)) for plane in job.scene.half_spaces]
     height = 5e-3 / job.radius / math.sin(groove.opening / 2)
@@ -145,11 +137,9 @@ def test_a_box_in_a_groove_rests_at_minima_of_its_potential_energy(solid, job_in
     )
 
 
-def test_a_cylinder_lies_along_a_groove(solid, job_in):
+def test_a_cylinder_lies_along_a_groove(roller, job_in):
     opening = math.radians(100)
-    roller = trimesh.creation.cylinder(5, 30, sections=128)
-    roller.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 2, [0, 1, 0]))
-    job = job_in(solid(roller), VGroove(opening), friction=0.2)
+    job = job_in(roller(128), VGroove(opening), friction=0.2)
     placed = flat_on(job, np.linspace(0.05, 0.5, 7), lift=1.0)
     assert (placed.settle() == RestStatus.SETTLED).all()
     body = np.tile(rotate(job.axes * [-1, -1, -1, 1], X[None]), (7, 1))
@@ -208,18 +198,12 @@ def test_a_belt_that_runs_into_a_wall_slips_below_a_part_at_rest(block, job_in):
 # -- Stillness in Bullet --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('kind', [None, Chute()], ids=['plane', 'chute'])
-def test_a_part_at_rest_settles_although_its_quaternion_changes_sign(block, mat, job_in, kind):
+def test_a_part_at_rest_settles_although_its_quaternion_changes_sign(block, job_in):
     # Bullet returns a quaternion or its negative, which are the same orientation.
-    if kind is None:
-        job = make_job(block, mat, 1, until_still=True, engine=BULLET)
-        make, window = Settling, REST_WINDOW
-    else:
-        job, make, window = job_in(block, kind, engine=BULLET), SceneSettling, WINDOW
     turn, none = np.array([[0.5, 0.5, 0.5, 0.5]]), np.zeros((1, 3))
     at = States(np.array([[0.0, 3, 1]]), turn, none, none)
-    settling = make(job, InitialState(at.position, turn, none, none, np.zeros(1)))
-    for k in range(round(window / CHECK_INTERVAL)):
-        seen = dataclasses.replace(at, orientation=at.orientation * (-1) ** (k + 1))
-        settling.check((k + 1) * CHECK_INTERVAL, seen)
+    start = InitialState(at.position, turn, none, none, np.zeros(1))
+    settling = SceneSettling(job_in(block, Chute(), engine=BULLET), start)
+    for k in range(1, round(WINDOW / CHECK_INTERVAL) + 1):
+        settling.check(k * CHECK_INTERVAL, dataclasses.replace(at, orientation=turn * (-1) ** k))
     assert settling.status[0] == RestStatus.SETTLED
