@@ -128,3 +128,15 @@ def test_manual_counts_can_be_read(tmp_path):
     path.write_text(code(FILES, 'csv')[0])
     counts = read_counts(path)
     assert (counts.ids, counts.drops) == ((1, 2, 3, 4, 5), 1000)
+
+
+@pytest.mark.slow
+def test_every_key_of_the_result_of_a_track_is_listed(run):
+    words = ('--trap', 'wiper:height=12mm', '--drops', '20', '--json')
+    document = json.loads(run('track', 'hex_nut', *words).stdout)
+    page = section(FILES, '## Track result')
+    listed = {name for cell in first_cells(page) for name in re.findall(r'`(\w+)`', cell)}
+    of_a_run = set(keys(FILES, '## Result'))
+    assert set(document) - of_a_run <= listed
+    assert set(document['orientations'][0]) <= listed
+    assert set(document['traps'][0]['results'][0]) <= listed

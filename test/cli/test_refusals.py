@@ -35,6 +35,7 @@ CASES = {
     'track l_bracket --height 60': ['height', 'drop --force', '60mm'],
     'drop box': ["'box'", "'box.obj'"],
     'drop': ['part', '--from-log'],
+    'drop tetrahedron --surroundings pocket --set unit=um': ['unit'],
     # Output files are checked before the drops.
     'drop l_bracket --out text.mcap/below': ['--out', "'text.mcap/below'"],
     'drop l_bracket --out folder': ['--out', "'folder/distribution.png'"],
