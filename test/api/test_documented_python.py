@@ -6,7 +6,6 @@ from doc_pages import code, code_blocks, first_cells, section
 import resting_aspects_ros as ra
 from resting_aspects_ros import client
 
-TUTORIAL = 'docs/tutorials/python.md'
 REFERENCE = 'docs/reference/python.md'
 
 
@@ -24,12 +23,13 @@ def run(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_the_tutorial_prints_what_it_shows(run):
-    printed = ''
-    for language, text in code_blocks(TUTORIAL, 'python', 'text'):
+@pytest.mark.parametrize('name', ['python', 'camera_to_robot'])
+def test_the_tutorial_prints_what_it_shows(run, name):
+    page, printed = f'docs/tutorials/{name}.md', ''
+    for language, text in code_blocks(page, 'python', 'text'):
         if language == 'python':
             assert printed == '', 'the page shows no output of the block before'
-            printed = run(text, TUTORIAL)
+            printed = run(text, page)
         else:
             assert printed == text
             printed = ''

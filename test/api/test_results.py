@@ -37,13 +37,11 @@ def test_estimate_takes_a_result_or_its_file(dropped, tmp_path):
     assert one.p_value == other.p_value
 
 
-@pytest.mark.slow
-def test_wrong_arguments_of_estimate_are_named(dropped, tmp_path):
+def test_wrong_arguments_of_estimate_are_named(dropped):
     with pytest.raises(ra.InvalidValueError, match='guess'):
         ra.estimate('box_10x20x30', ['guess'])
-    dropped[0].save_json(tmp_path / 'nut.json')
     with pytest.raises(ra.InvalidValueError, match='different parts'):
-        ra.estimate('box_10x20x30', against=tmp_path / 'nut.json')
+        ra.estimate('box_10x20x30', ['csa'], against=dropped[0])
     with pytest.raises(ra.NotDefinedError, match='not defined for'):
         ra.estimate('cylinder_d20_h20', ['stability'])
 
@@ -94,10 +92,12 @@ def test_poses_are_sorted_into_aspects(dropped):
     expected = ra.find_aspects(ra.load_part('hex_nut')).classify(poses.orientation[settled])
     assert np.array_equal(result.aspect, expected)
     assert result.by_part.distribution.drops == 300
-    # Quaternions alone give the same result.
-    again = ra.classify(poses.orientation[settled], 'hex_nut')
-    assert np.array_equal(again.aspect, expected)
-    assert np.array_equal(again.clusters.labels, result.clusters.labels)
+    alone = ra.classify(poses.orientation[settled])
+    assert np.array_equal(alone.clusters.labels, result.clusters.labels)
+    with pytest.raises(ra.InvalidValueError, match='expected a part'):
+        alone.aspect  # noqa: B018
+    with pytest.warns(ra.RestingAspectsWarning, match="are in no aspect of 'tetrahedron'"):
+        ra.classify(poses, 'tetrahedron')
 
 
 @pytest.mark.parametrize(
@@ -105,21 +105,9 @@ def test_poses_are_sorted_into_aspects(dropped):
     [
         (np.ones((2, 3)), r'invalid shape \(2, 3\)'),
         ([[0, 0, 0, 1.0], [0, 0, 0, 2.0]], 'of pose 1: expected a quaternion of length 1'),
-        ([[0, 0, 0, 1.0], [0, 0, np.nan, 1.0]], 'of pose 1: expected a quaternion'),
         ([[0, 0, 0, 1.0]], 'invalid number of settled poses 1: expected at least 2'),
     ],
-    ids=['shape', 'length', 'nan', 'too few'],
 )
 def test_wrong_poses_are_named(poses, words):
     with pytest.raises(ra.InvalidValueError, match=words):
         ra.classify(poses)
-
-
-def test_poses_without_a_part_have_no_aspects(dropped):
-    with pytest.raises(ra.InvalidValueError, match='expected a part'):
-        ra.classify(dropped[0].poses).aspect  # noqa: B018
-
-
-def test_poses_of_another_part_are_pointed_out(dropped):
-    with pytest.warns(ra.RestingAspectsWarning, match="are in no aspect of 'tetrahedron'"):
-        ra.classify(dropped[0].poses, 'tetrahedron')
