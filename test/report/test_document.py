@@ -22,16 +22,6 @@ class Conditions:
     side: Side
 
 
-RUN = {
-    'part': 'l_bracket',
-    'method': 'drops',
-    'seed': 2**64 - 1,
-    'conditions': {'height': 0.1 + 0.2},
-    'engine': 'bullet',
-    'time_step': 1 / 3,
-}
-
-
 @pytest.fixture(scope='module')
 def distribution(part):
     aspects = find_aspects(part('l_bracket'))
@@ -39,13 +29,12 @@ def distribution(part):
 
 
 def test_numbers_match_the_distribution(distribution):
-    document = distribution_document(distribution, RUN)
+    document = distribution_document(distribution, {'time_step': 1 / 3})
     text = to_json(document)
     assert json.loads(text) == document
     assert '-0.0,' not in text.replace('\n', ',')
     assert document['drops'] == 935
     assert (document['unclassified'], document['unsettled'], document['failed']) == (1, 2, 3)
-    assert (document['confidence'], document['interval']) == (0.95, 'wilson')
     for written, aspect, count, interval in zip(
         document['aspects'],
         distribution.aspects,
@@ -62,22 +51,17 @@ def test_numbers_match_the_distribution(distribution):
 
 
 def test_run_values_become_plain_types(distribution):
-    document = distribution_document(
-        distribution,
-        {
-            'conditions': Conditions(0.06, Side.LEFT),
-            'volume': float('nan'),
-            'mass': np.float64(2),
-            'inertia': np.array([[1.0, np.inf]]),
-            'seed': np.uint64(2**64 - 1),
-            'names': ('a', 'b'),
-            'drops': 10**6,
-        },
-    )
-    written = json.loads(to_json(document))
+    given = {
+        'conditions': Conditions(0.06, Side.LEFT),
+        'volume': float('nan'),
+        'inertia': np.array([[1.0, np.inf]]),
+        'seed': np.uint64(2**64 - 1),
+        'drops': 10**6,
+    }
+    written = json.loads(to_json(distribution_document(distribution, given)))
     assert written['conditions'] == {'height': 0.06, 'side': 'LEFT'}
-    assert (written['volume'], written['mass'], written['inertia']) == (None, 2.0, [[1.0, None]])
-    assert (written['seed'], written['names']) == (2**64 - 1, ['a', 'b'])
+    assert (written['volume'], written['inertia']) == (None, [[1.0, None]])
+    assert written['seed'] == 2**64 - 1
     assert written['drops'] == distribution.drops  # those counted, not those asked for
 
 
@@ -86,8 +70,3 @@ def test_document_without_drops_is_valid(distribution):
     assert [(a['probability'], a['lower'], a['upper']) for a in document['aspects']] == [
         (0.0, 0.0, 1.0)
     ] * 5
-
-
-def test_infinite_number_is_rejected():
-    with pytest.raises(ValueError, match='not JSON compliant'):
-        to_json({'height': float('inf')})
