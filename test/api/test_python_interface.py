@@ -40,20 +40,20 @@ def test_every_public_name_exists():
         ra.nothing  # noqa: B018
 
 
-def test_no_ros_is_imported():
+def test_no_ros_and_no_matplotlib_is_imported():
     code = (
         'import sys, resting_aspects_ros as ra\n'
         "light = 'numpy' in sys.modules\n"
         "options = {'drops': 30, 'model_range': False, 'workers': 1}\n"
         "a, b = (ra.drop('tetrahedron', seed=k, **options) for k in (1, 2))\n"
         "ra.compare(a, b), ra.estimate('tetrahedron'), ra.classify(a.poses, 'tetrahedron')\n"
-        "print(light, 'rclpy' in sys.modules)\n"
+        "print(light, 'rclpy' in sys.modules, 'matplotlib' in sys.modules)\n"
     )
     # No `if __name__ == '__main__'` is needed.
     ended = subprocess.run(
         [sys.executable, '-'], input=code, capture_output=True, text=True, check=True
     )
-    assert ended.stdout.split() == ['False', 'False']
+    assert ended.stdout.split() == ['False', 'False', 'False']
 
 
 @pytest.mark.slow

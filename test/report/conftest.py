@@ -62,13 +62,13 @@ def make_report():
 
 @pytest.fixture(scope='session')
 def many_sided(solid):
-    """A body with 24 flat sides around its middle, no two alike: it rests on most of them."""
-    k = np.arange(24) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * k / 24), np.pi * (1 + 5**0.5) * k
+    """A body with 40 flat sides around its middle, no two alike: it rests on most of them."""
+    k = np.arange(40) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * k / 40), np.pi * (1 + 5**0.5) * k
     normals = np.stack(
         [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1
     )
-    far = 10 * (1 + 0.02 * np.random.default_rng(2).random(24))
+    far = 10 * (1 + 0.02 * np.random.default_rng(2).random(40))
     sides = HalfspaceIntersection(np.column_stack([normals, -far]), np.zeros(3))
     return solid(trimesh.convex.convex_hull(sides.intersections))
 

@@ -70,12 +70,12 @@ def test_classes_are_summed(part, lines):
 
 def test_listed_probabilities_add_up(many_sided, lines):
     aspects = find_aspects(many_sided)
-    counts = np.random.default_rng(6).multinomial(2000, np.full(28, 1 / 28), size=24)
+    counts = np.random.default_rng(6).multinomial(2000, np.full(44, 1 / 44), size=40)
     text = '\n'.join(lines(transition_table(TransitionMatrix(aspects, counts), False, '')))
     # Up to the caption: entries of all rows in the order of the rows.
     entries = [float(p) for p in re.findall(r': ([\d.]+) %', text.split('+-:')[0])]
-    outside = 100 * counts[:, 24:].sum() / 2000
-    assert sum(entries) + outside == pytest.approx(24 * 100, abs=0.06 * len(entries))
+    outside = 100 * counts[:, 40:].sum() / 2000
+    assert sum(entries) + outside == pytest.approx(40 * 100, abs=0.06 * len(entries))
 
 
 def test_closed_classes_and_unreached_aspects_are_marked(bracket):
