@@ -11,7 +11,6 @@ from resting_aspects_ros.api.count_files import counts_from_array, read_observed
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsWarning
 from resting_aspects_ros.statistics.drift import parts_needed
-from resting_aspects_ros.statistics.intervals import INTERVAL, SIMULTANEOUS
 from resting_aspects_ros.statistics.transitions import no_actions
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
@@ -191,44 +190,23 @@ def test_wrong_arguments_are_named(expected, counts, options, message):
 
 @pytest.fixture(scope='session')
 def simulated(part):
-    """Give a matrix of the nut: eight aspects in two classes."""
-    none = no_actions(find_aspects(part('hex_nut')))
-    counts = np.random.default_rng(1).integers(1, 20, size=none.counts.shape)
-    return dataclasses.replace(none, counts=counts)
+    """Give a matrix without actions of the nut: eight aspects in two classes."""
+    return no_actions(find_aspects(part('hex_nut')))
 
 
 def test_matrix_of_the_machine_has_the_counts_of_a_file(simulated, tmp_path):
     path = tmp_path / 'pairs.csv'
-    path.write_text('to;From;count\n1;1;30\n2;1;10\n')
-    found = machine_transitions(path, simulated)
-    assert found.machine.counts.tolist() == [[30, 10, 0, 0, 0, 0], [0] * 6]
-    np.testing.assert_array_equal(found.simulated.counts, simulated.by_class().counts)
-    nothing = dataclasses.replace(simulated, counts=np.zeros_like(simulated.counts))
-    first, *_ = machine_transitions(path, nothing).comparisons
-    assert np.isnan(first.difference)
-
-
-@pytest.mark.parametrize(
-    ('measured', 'actions', 'lower', 'upper'),
-    # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
-    [
-        ((56, 70), (48, 80), 0.0524, 0.3339),
-        ((9, 10), (3, 10), 0.1705, 0.8090),
-        ((10, 10), (0, 10), 0.6075, 1.0000),
-        ((0, 10), (0, 20), -0.1611, 0.2775),
-    ],
-)
-@pytest.mark.parametrize('interval', [INTERVAL, SIMULTANEOUS])
-def test_difference_has_its_published_interval(
-    simulated, interval, measured, actions, lower, upper
-):
-    hits, trials = measured
+    path.write_text('to;From;count\n1;1;56\n2;1;14\n')
     counts = np.zeros_like(simulated.counts)
-    counts[0, [0, -1]] = actions[0], actions[1] - actions[0]
-    matrix = dataclasses.replace(simulated, counts=counts, interval=interval)
-    first, _ = machine_transitions([(1, 1, hits), (1, 2, trials - hits)], matrix).comparisons
-    assert first.difference == pytest.approx(hits / trials - actions[0] / actions[1])
-    assert (first.lower, first.upper) == pytest.approx((lower, upper), abs=5e-5)
+    counts[0, [0, -1]] = 48, 32
+    found = machine_transitions(path, dataclasses.replace(simulated, counts=counts))
+    assert found.machine.counts.tolist() == [[56, 14, 0, 0, 0, 0], [0] * 6]
+    # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
+    first, _ = found.comparisons
+    assert first.difference == pytest.approx(56 / 70 - 48 / 80)
+    assert (first.lower, first.upper) == pytest.approx((0.0524, 0.3339), abs=5e-5)
+    unknown, _ = machine_transitions(path, simulated).comparisons
+    assert np.isnan(unknown.difference)
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,8 @@ import xml.etree.ElementTree as ET
 import ezdxf
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
 from PIL import Image
-from shapely import Polygon, affinity, intersects_xy
-from shapely.geometry.polygon import orient
+from shapely import Polygon, intersects_xy
 
 from resting_aspects_ros.api.outlines import outlines
 from resting_aspects_ros.report.outlines import (
@@ -130,28 +127,6 @@ def decoded(rle):
     height, width = rle['size']
     values = np.arange(len(rle['counts'])) % 2
     return np.repeat(values, rle['counts']).reshape(width, height).T
-
-
-@given(
-    st.integers(0, 2**31),
-    st.floats(2.5, 20),
-    st.floats(0, 6.3),
-    st.tuples(st.floats(24, 26), st.floats(24, 26)),
-)
-def test_covered_share_adds_up_to_the_area(seed, radius, turn, place):
-    angles = np.sort(np.random.default_rng(seed).uniform(0, 2 * np.pi, 7))
-    star = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    star *= np.random.default_rng(seed).uniform(0.4, 1.0, 7)[:, None]
-    shape = Polygon(star, [0.05 * star])
-    assume(shape.is_valid)
-    larger = affinity.scale(shape, radius, radius, origin=(0, 0))
-    turned = affinity.rotate(larger, turn, origin=(0, 0), use_radians=True)
-    placed = orient(affinity.translate(turned, *place))
-    share = covered_share(placed, 50, 50)
-    assert share.shape == (50, 50)
-    assert share.sum() == pytest.approx(placed.area, abs=0.05 * placed.length + 0.05)
-    moved = covered_share(affinity.translate(placed, 3, -2), 50, 50)
-    np.testing.assert_allclose(moved, np.roll(share, (-2, 3), axis=(0, 1)), atol=1e-9)
 
 
 def test_covered_share_of_a_box_is_exact():

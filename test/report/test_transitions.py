@@ -56,18 +56,6 @@ def test_wide_matrix_is_a_list_with_the_widest_interval_of_each_row(bracket, lin
     assert float(row[-2]) == pytest.approx(50 * (upper - lower)[1].max(), abs=0.051)
 
 
-def test_classes_are_summed(part, lines):
-    nut = find_aspects(part('hex_nut'))
-    counts = np.zeros((8, 12), dtype=np.int64)
-    counts[:2, :2], counts[:2, 2:8] = 25, 25  # 100 of 400 stay in the class of two
-    counts[2:, 2] = 50
-    found = lines(transition_table(TransitionMatrix(nut, counts), True, ''))
-    assert re.search(r'to 1 and 2 +to 3 to 8', '\n'.join(found))
-    first, _, second, _ = body(found)
-    assert first == ['1', 'and', '2', '25.0', '75.0', '400']
-    assert second == ['3', 'to', '8', '0', '100.0', '300']
-
-
 def test_listed_probabilities_add_up(many_sided, lines):
     aspects = find_aspects(many_sided)
     counts = np.random.default_rng(6).multinomial(2000, np.full(44, 1 / 44), size=40)
