@@ -86,18 +86,13 @@ def test_cumulative_counts_are_differences(observed):
 @pytest.mark.parametrize(
     ('lines', 'cumulative', 'message'),
     [
-        (('',), False, 'invalid column names .* expected a column aspect or class and'),
         (('aspect,count', '1,2'), False, 'expected a column aspect or class and'),
         (('1,2', '3,4'), False, 'expected one column for each class, 1, 2, 3'),
         (('1,2,3', '3,-4,5'), False, "invalid count of class 2 '-4' .* line 2: expected an int"),
-        (('1,2,3', '3,999999999,5'), False, 'expected an integer from 0 to 100000000'),
-        (('1,2,3', '3,4'), False, 'invalid number of columns 2'),
         (('1,2,3', '0,0,0'), False, 'invalid number of counted parts 0'),
         (('class', '1', '4'), False, "invalid class '4' .* line 3: expected the number of a"),
-        (('class,count', '1,2', '1,3'), False, 'expected each class once in a batch'),
         (('batch,class,count', 'a,1,2', 'b,1,3', 'a,2,3'), False, 'rows of a batch together'),
         (('class,count', '2+3,5', '3,4'), False, "class '3' .* the file counts 2.3 together"),
-        (('class,count', '1+1,2'), False, r"class '1\+1' .* expected the number of a class"),
         (('1,2,3', '3,4,5', '3,3,9'), True, "class 2 '3' .* line 3: expected 4 or more, bec"),
         (('class', '1'), True, 'expected counts that can be cumulative, but each row is one part'),
     ],

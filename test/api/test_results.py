@@ -46,32 +46,19 @@ def test_wrong_arguments_of_estimate_are_named(dropped):
         ra.estimate('cylinder_d20_h20', ['stability'])
 
 
-def test_runs_of_the_same_part_agree(dropped):
-    result = ra.compare(*dropped)
-    a, b = (each.distribution.counts / each.distribution.counts.sum() for each in dropped)
-    assert result.comparison.deviation == pytest.approx(a - b)
-    assert result.comparison.p_value > 0.001
-    assert 'do not differ significantly' in result.verdict
-
-
-def test_a_result_and_its_file_are_the_same(dropped, tmp_path):
+def test_runs_of_the_same_part_and_their_files_agree(dropped, tmp_path):
     for name, each in zip('ab', dropped, strict=True):
         each.save_json(tmp_path / f'{name}.json')
     files = ra.compare(tmp_path / 'a.json', tmp_path / 'b.json', confidence=0.99)
     result = ra.compare(dropped[0], tmp_path / 'b.json', confidence=0.99)
+    a, b = (each.distribution.counts / each.distribution.counts.sum() for each in dropped)
+    assert result.comparison.deviation == pytest.approx(a - b)
+    assert result.comparison.p_value > 0.001
+    assert 'do not differ significantly' in result.verdict
     expected, document = (json.loads(each.to_json()) for each in (files, result))
     assert document['a'].pop('file') == f'run {dropped[0].run.run_id}'
     del expected['a']['file']
     assert document == expected
-
-
-def test_a_result_is_compared_with_a_count_by_class(dropped, tmp_path):
-    classes = dropped[0].distribution.by_class().counts
-    lines = [f'{k},{count}' for k, count in enumerate(classes.tolist(), start=1)]
-    (tmp_path / 'hand.csv').write_text('\n'.join(['class,count', *lines]), encoding='utf-8')
-    result = ra.compare(dropped[0], tmp_path / 'hand.csv')
-    assert result.sides.what == 'class'
-    assert result.comparison.total_variation == 0
 
 
 def test_what_cannot_be_compared_is_refused(dropped, workers):

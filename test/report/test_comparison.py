@@ -42,7 +42,7 @@ def test_shown_difference_is_that_of_the_shown_shares(lines, data, most):
         assert Decimal(first) - Decimal(second) == Decimal(difference)
 
 
-def test_document_is_complete_and_not_rounded():
+def test_document_is_not_rounded():
     comparison, sides = compared(ONE, OTHER, DOWN, ids=(1, 3, 7))
     document = comparison_document(comparison, sides, {'a': {'file': 'x'}, 'b': {'file': 'y'}})
     assert json.loads(to_json(document)) == document
@@ -52,12 +52,13 @@ def test_document_is_complete_and_not_rounded():
     assert [aspect['id'] for aspect in aspects] == [1, 3, 7]
     assert [aspect['down_in_part'] for aspect in aspects] == [[0, 0, -1], [0.6, -0.8, 0], None]
     assert [aspect['b']['share'] for aspect in aspects] == [0.4, 0.2, 0.4]
-    for k, aspect in enumerate(aspects):
-        assert aspect['deviation'] == comparison.deviation[k]
-        assert aspect['deviation_lower'] == comparison.lower[k]
-        assert aspect['deviation_upper'] == comparison.upper[k]
-    largest = document['largest_deviation']
-    assert (largest['aspect'], largest['deviation']) == (7, comparison.largest_deviation)
+    for field, values in (
+        ('deviation', comparison.deviation),
+        ('deviation_lower', comparison.lower),
+        ('deviation_upper', comparison.upper),
+    ):
+        assert [aspect[field] for aspect in aspects] == values.tolist()
+    assert document['largest_deviation']['aspect'] == 7
     assert document['total_variation'] == pytest.approx(0.2)
     assert document['mean_deviation'] == pytest.approx(0.4 / 3)
 

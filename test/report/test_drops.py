@@ -6,7 +6,6 @@ import re
 import numpy as np
 import pytest
 
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.drops import distribution_table
 from resting_aspects_ros.report.format import (
@@ -77,12 +76,8 @@ def test_equivalent_aspects_are_summed_in_one_row(part, rows):
     assert (flat['id'], flat['words']) == ('1 and 2', 'flat side 17 x 19.6 mm')
     assert (side['id'], side['words']) == ('3 to 8', 'flat side 8.4 x 9.81 mm')
     assert [flat['count'], side['count']] == ['620', '380']
-    for row, count, many in ((flat, 620, 2), (side, 380, 6)):
-        interval = interval_of(distribution, count)
-        shown = row['probability']
-        assert float(shown) == pytest.approx(100 * count / 1000, abs=half_digit(shown))
-        assert float(row['lower']) == pytest.approx(100 * interval.lower, abs=half_digit(shown))
-        assert float(row['each']) == pytest.approx(count / 10 / many, abs=half_digit(row['each']))
+    for row, each in ((flat, 62 / 2), (side, 38 / 6)):
+        assert float(row['each']) == pytest.approx(each, abs=half_digit(row['each']))
 
 
 @pytest.mark.parametrize('name', ['t_prism', 'hex_nut'])
@@ -126,5 +121,3 @@ def test_summed_outcomes_have_the_interval_of_their_count(aspects):
     distribution = Distribution(aspects, np.array([10, 20, 30, 40, 0]), 5, 3, 2)
     same = dataclasses.replace(distribution, counts=np.array([30, 0, 30, 40, 0]))
     assert interval_of(distribution, 30) == same.intervals()[0]
-    nothing = no_drops(AspectSet(aspects.part_sha256, ()))
-    assert interval_of(nothing, 0) == Interval(0.0, 0.0, 1.0)
