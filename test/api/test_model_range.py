@@ -69,21 +69,13 @@ def test_range_of_bullet_is_about_its_own_shares(dropped):
         assert each.lower <= each.probability <= each.upper
 
 
-def test_surroundings_have_no_range_and_a_reason(dropped):
+def test_result_without_a_range_has_a_reason_unless_none_was_requested(dropped):
     result = dropped(20, surroundings='slope')
     assert result.distribution.model is None
     assert 'level' in result.no_model_range
     assert result.document()['no_model_range'] == result.no_model_range
-
-
-def test_given_states_have_no_range_and_a_reason(dropped):
     states = GivenStates([[0, 0, 0.05]], [[0, 0, 0, 1]])
-    result = dropped(None, initial_states=states, replicates=3)
-    assert result.distribution.model is None
-    assert 'states' in result.no_model_range
-
-
-def test_range_that_was_not_requested_is_no_omission(dropped):
+    assert 'states' in dropped(None, initial_states=states, replicates=3).no_model_range
     result = dropped(model_range=False)
     assert result.no_model_range == ''
     assert result.document()['aspects'][0]['model_lower'] is None

@@ -37,12 +37,12 @@ class Report:
 def make_report():
     """Make the report of a part with a share of the drops in each aspect, and 3 % in none."""
 
-    def make(part, *, unseen=(), measured=False, interval='wilson', confidence=0.95, **more):
+    def make(part, *, unseen=(), measured=False, **more):
         aspects = find_aspects(part)
         weights = np.array([a.basin_share for a in aspects])
         weights[[k - 1 for k in unseen]] = 0.0
         counts = np.random.default_rng(4).multinomial(970, weights / weights.sum())
-        distribution = Distribution(aspects, counts, 20, 10, 0, interval, confidence)
+        distribution = Distribution(aspects, counts, 20, 10, 0)
         if measured:
             own = DropCounts(distribution.by_class().counts, 20, 10)
             other = DropCounts(own.counts // 2 + 3)

@@ -9,7 +9,7 @@ import pytest
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.document import distribution_document, to_json
-from resting_aspects_ros.statistics.distribution import Distribution, no_drops
+from resting_aspects_ros.statistics.distribution import Distribution
 
 
 class Side(IntEnum):
@@ -63,10 +63,3 @@ def test_run_values_become_plain_types(distribution):
     assert (written['volume'], written['inertia']) == (None, [[1.0, None]])
     assert written['seed'] == 2**64 - 1
     assert written['drops'] == distribution.drops  # those counted, not those asked for
-
-
-def test_document_without_drops_is_valid(distribution):
-    document = json.loads(to_json(distribution_document(no_drops(distribution.aspects), {})))
-    assert [(a['probability'], a['lower'], a['upper']) for a in document['aspects']] == [
-        (0.0, 0.0, 1.0)
-    ] * 5

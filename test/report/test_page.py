@@ -15,7 +15,6 @@ from PIL import Image
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report import drop_page as drop_page_module
 from resting_aspects_ros.report import picture
-from resting_aspects_ros.report.drop_figures import bands
 from resting_aspects_ros.report.drop_page import FIGURES, PIXELS, drop_page
 from resting_aspects_ros.report.format import aspect_colour
 from resting_aspects_ros.report.page import ENDINGS
@@ -151,14 +150,6 @@ def test_input_texts_are_escaped(page):
         'Only <b>half</b> of it & more.'
     ]
     assert any(words(each) == '0.2 m <script>' for each in page.all('dd'))
-
-
-def test_bands_end_with_the_intervals_of_the_rows(part, make_report):
-    report = make_report(part('hex_nut'), interval='simultaneous', confidence=0.99)
-    history = report.more['history']
-    found = bands(report.distribution, *history)
-    assert len(found) == len(history[0])
-    assert found[-1] == report.distribution.by_class().intervals()
 
 
 def test_sections_without_data_are_omitted(part):

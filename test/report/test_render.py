@@ -61,12 +61,6 @@ def test_rasterise_matches_a_brute_force_search():
     ).any()
 
 
-def test_triangles_outside_or_edge_on_are_invisible():
-    points = np.array([[-9.0, -9, 0], [-1, -9, 0], [-1, -1, 0], [5, 5, 0], [5, 9, 0], [5, 9, 9]])
-    seen = rasterise(points, np.array([[0, 1, 2], [3, 4, 5]]), 20)
-    assert (seen.face == NOTHING).all()
-
-
 def test_edges_are_outlines_and_creases_only():
     box = trimesh.creation.box([20, 30, 10])
     straight = rasterise(turned(box, Rotation.identity(), 4.0), box.faces, SIZE)
