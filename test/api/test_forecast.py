@@ -18,7 +18,8 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.steady_state import CycleTimes
 
-TRAY = Tray((0.2, 0.2), 0.005)
+# A small tray, which is full soon.
+TRAY = Tray((0.1, 0.1), 0.005)
 TIMES = CycleTimes(1.2, 0.6, 0.6, 0.2)
 
 
@@ -42,16 +43,15 @@ def test_footprints_are_the_sides_of_the_part_or_a_disc(crate, solid):
 
 @pytest.mark.slow
 def test_known_reorientation_is_not_simulated_again(crate, tossed, workers):
-    options = {'pickable_classes': [1], 'robot': 2.0, 'parts_on_tray': 10}
-    known = forecast(tossed, **options)
-    made = forecast(
-        crate, action='toss', per_aspect=40, drops=100, seed=3, workers=workers, **options
-    )
+    options = {'robot': 2.0, 'parts_on_tray': 3, 'tray': (0.1, 0.1)}
+    known = forecast(tossed, pickable_classes=[1], **options)
+    simulated = {'action': 'toss', 'per_aspect': 40, 'drops': 100, 'seed': 3, 'workers': workers}
+    made = forecast(crate, pickable_classes=[1], **simulated, **options)
     assert known.parts_per_minute == made.parts_per_minute
     assert known.reorientation is tossed
     # A part of a class, which gives a forecast by aspect.
     with pytest.warns(ra.RestingAspectsWarning, match='look the same'):
-        one = forecast(tossed, [1], robot=2.0, parts_on_tray=10)
+        one = forecast(tossed, [1], **options)
     assert (len(known.named.rows), len(one.named.rows)) == (3, 6)
     assert one.parts_per_minute < known.parts_per_minute
     with pytest.raises(ra.InvalidValueError, match='with the result of reorient'):
@@ -111,6 +111,7 @@ def test_wrong_values_are_refused(crate, workers, wrong):
         forecast(crate, per_aspect=1, drops=5, workers=workers, **wrong)
 
 
+@pytest.mark.slow
 def test_pickable_class_that_looks_like_another_is_named(part):
     # Classes 1 (aspect 1) and 4 (aspect 6) have the same outline.
     bracket = part('u_bracket')
