@@ -205,28 +205,19 @@ def test_matrix_of_the_machine_has_the_counts_of_a_file(simulated, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('rows', 'message'),
+    ('given', 'message'),
     [
         ([(1, 3, 5)], 'invalid transition from 1 to 3 in .*: expected each pair of the classes'),
         ([(1, 2, 5), (1, 2, 6)], 'expected each pair of the classes 1, 2 once'),
         ([(1, 2, 0.5)], 'invalid count 0.5 from 1 to 2'),
         ([], 'expected at least one part'),
-    ],
-)
-def test_wrong_counts_are_named(simulated, rows, message):
-    with pytest.raises(InvalidValueError, match=message):
-        machine_transitions(rows, simulated)
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
         ('class,count\n1,2\n', 'invalid column names .* expected from, to, count'),
         ('from,to,count\n1,2,nan\n', "invalid count 'nan' .* line 2"),
     ],
 )
-def test_wrong_files_of_transitions_are_named(simulated, tmp_path, text, message):
-    path = tmp_path / 'pairs.csv'
-    path.write_text(text)
+def test_wrong_transitions_are_named(simulated, tmp_path, given, message):
+    if isinstance(given, str):
+        (tmp_path / 'pairs.csv').write_text(given)
+        given = tmp_path / 'pairs.csv'
     with pytest.raises(InvalidValueError, match=message):
-        machine_transitions(path, simulated)
+        machine_transitions(given, simulated)

@@ -10,13 +10,8 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.picture import (
-    MAX_TRIANGLES,
-    PITCH,
-    ROW,
-    aspect_poses,
-    message_faces,
-)
+from resting_aspects_ros.report import picture
+from resting_aspects_ros.report.picture import PITCH, ROW, aspect_poses, message_faces
 
 
 def in_tray(standing, points):
@@ -60,16 +55,15 @@ def test_poses_form_a_centred_grid_in_order(part, count):
             assert next_x == pytest.approx(places[:, 0].min())
 
 
-@pytest.mark.slow
-def test_simplified_mesh_still_touches_the_surface(solid):
+def test_simplified_mesh_still_touches_the_surface(solid, monkeypatch):
+    monkeypatch.setattr(picture, 'MAX_TRIANGLES', 6 * 500)
     mesh = trimesh.creation.box((10, 20, 30))
-    for _ in range(6):  # to 49152 triangles
+    for _ in range(4):  # to 3072 triangles
         mesh = mesh.subdivide()
     part = solid(mesh)
     aspects = find_aspects(part).aspects
     faces = message_faces(part, aspects)
-    assert len(aspects) == 6
-    assert 1000 < len(faces) * 6 <= MAX_TRIANGLES
+    assert 100 < len(faces) <= 500
     for each in aspect_poses(part, aspects):
         corners = in_tray(each, part.vertices[np.unique(faces)])
         assert abs(corners[:, 2].min()) < 1e-9 * part.hull_radius

@@ -171,24 +171,17 @@ def test_pictures_have_the_colour_of_the_aspect(page, bracket):
     shown, *others = [each for each in page.all('img') if each['src']]
     images = [each for each in others if each['alt']]
     assert shown['src'] == images[0]['src']  # in place of the view until there is one
-    assert len(images) == 2 * 5
-    for k, (oblique, above) in enumerate(zip(images[::2], images[1::2], strict=True)):
-        assert 'oblique' in oblique['alt']
-        assert 'from above' in above['alt']
-        colour = aspect_colour(bracket.distribution.aspects[k])
-        for each in (oblique, above):
-            pixels = decoded(each)
-            assert pixels.shape == (PIXELS, PIXELS, 4)
-            inside = pixels[pixels[..., 3] == 255][:, :3].astype(float)
-            bright = inside[inside.max(axis=1) > 100]
-            target = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
-            shade = bright / bright.max(axis=1, keepdims=True)
-            assert (np.abs(shade - target / target.max()).max(axis=1) < 0.03).mean() > 0.9
-
-
-def decoded(element):
-    data = base64.b64decode(element['src'].removeprefix('data:image/png;base64,'))
-    return np.asarray(Image.open(io.BytesIO(data)))
+    assert ['from above' in each['alt'] for each in images] == [False, True] * 5
+    for each, aspect in zip(images, np.repeat(bracket.distribution.aspects, 2), strict=True):
+        data = base64.b64decode(each['src'].removeprefix('data:image/png;base64,'))
+        pixels = np.asarray(Image.open(io.BytesIO(data)))
+        assert pixels.shape == (PIXELS, PIXELS, 4)
+        inside = pixels[pixels[..., 3] == 255][:, :3].astype(float)
+        bright = inside[inside.max(axis=1) > 100]
+        colour = aspect_colour(aspect)
+        target = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
+        shade = bright / bright.max(axis=1, keepdims=True)
+        assert (np.abs(shade - target / target.max()).max(axis=1) < 0.03).mean() > 0.9
 
 
 def test_scene_poses_match_the_aspects(page, bracket):
