@@ -19,10 +19,12 @@ from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 
 
 @pytest.mark.parametrize(
-    ('name', 'level'), [('tray', True), ('wall', True), ('slope', False), ('pocket', False)]
+    'name',
+    ['bowl_track', 'corner', 'l_chute', 'plane', 'pocket', 'slope', 'tray', 'v_groove', 'wall'],
 )
-def test_only_level_floors_are_level(surfaces, name, level):
-    assert has_level_floor(with_surroundings(surfaces.get('rubber_mat'), name)) is level
+def test_only_level_floors_are_level(surfaces, name):
+    conditions = with_surroundings(surfaces.get('rubber_mat'), name)
+    assert has_level_floor(conditions) is (name in ('plane', 'tray', 'wall'))
 
 
 def test_shapes_are_known_where_more_than_planes_meet_the_part(part, surfaces):
