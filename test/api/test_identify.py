@@ -47,10 +47,12 @@ def test_dropped_parts_are_identified_and_located(name, workers):
         place = centre(known, poses.position[k], true)
         seen = affinity.translate(seen_outline(known.part, true), *place[:2])
         found = identify_part(seen, known)
+        # Two classes of the prism look alike; those of the bracket do not.
+        candidates = [found.best] if name == 'l_bracket' else found.candidates
         assert any(
             rotation_error(known, true, each.orientation) < 0.5
             and np.linalg.norm((centre(known, each.position, each.orientation) - place)[:2]) < 1e-4
-            for candidate in found.candidates
+            for candidate in candidates
             for each in candidate.poses
         )
 
