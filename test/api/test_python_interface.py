@@ -70,6 +70,20 @@ def test_requested_engine_makes_drops_actions_and_disturbances(workers):
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
+        ({'surface': 'ice'}, "surface 'ice'"),
+        ({'workers': 0}, 'workers'),
+        ({'engine': 'bulet'}, "engine 'bulet'"),
+        ({'engine': 'kernel', 'surroundings': 'pocket'}, 'engine kernel'),
+    ],
+)
+def test_a_wrong_value_is_named(arguments, words):
+    with pytest.raises(ra.InvalidValueError, match=words):
+        ra.drop('tetrahedron', **{'drops': 5, **arguments})
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
         ({'unit': 'mm'}, "invalid unit 'mm': expected only with a mesh file"),
         ({'body': 1}, 'invalid body 1: expected only with a mesh file'),
         ({'folder': 'none'}, "invalid folder of parts 'none': expected a folder"),
