@@ -6,12 +6,7 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.forecast import (
-    cycle_times,
-    footprints_of,
-    forecast,
-    forecast_from,
-)
+from resting_aspects_ros.api.forecast import cycle_times, footprints_of, forecast, forecast_from
 from resting_aspects_ros.api.forecast_result import counted_apart_texts, look_alike_texts
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.aspects.find import find_aspects

@@ -70,18 +70,8 @@ def test_csv_and_page_have_each_row(simulated, tmp_path):
 def test_simulated_parts_are_repeated_by_the_seed_for_any_number_of_workers():
     # Of some rows, only some parts pass this balcony.
     track, reported = {**NUT, 'traps': [{'kind': 'balcony', 'width': '8mm'}]}, []
-    one, two = (
-        ra.track(
-            'hex_nut',
-            track,
-            1,
-            simulate=3,
-            workers=n,
-            progress=lambda *found: reported.append(found),
-            **FEW,
-        )
-        for n in (1, 2)
-    )
+    given = {**FEW, 'simulate': 3, 'progress': lambda *found: reported.append(found)}
+    one, two = (ra.track('hex_nut', track, 1, workers=n, **given) for n in (1, 2))
     assert one.runs.counts.tolist() == two.runs.counts.tolist()
     # 3 parts in each of 3 rows, after the drops.
     assert reported[-1] == (9, 9)
@@ -100,13 +90,9 @@ def test_interrupted_runs_leave_a_result_that_is_not_complete():
 
 def test_an_unknown_action_is_refused_before_the_drops():
     made = []
+    reported = {'progress': lambda *found: made.append(found)}
     with pytest.raises(ra.InvalidValueError, match="'shake'"):
-        ra.track(
-            't_prism',
-            {'width': '60mm'},
-            before=['shake'],
-            progress=lambda *found: made.append(found),
-        )
+        ra.track('t_prism', {'width': '60mm'}, before=['shake'], **reported)
     assert not made
 
 

@@ -13,11 +13,7 @@ from resting_aspects_ros.aspects.clusters import (
     find_differences,
 )
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.comparison import (
-    agreement_line,
-    cluster_table,
-    differences_table,
-)
+from resting_aspects_ros.report.comparison import agreement_line, cluster_table, differences_table
 from resting_aspects_ros.statistics.distribution import Distribution
 
 

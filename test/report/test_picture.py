@@ -10,11 +10,7 @@ from PIL import Image
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.drop_figures import (
-    MAX_SHOWN,
-    _rows,
-    distribution_figure,
-)
+from resting_aspects_ros.report.drop_figures import MAX_SHOWN, _rows, distribution_figure
 from resting_aspects_ros.report.figure import png_bytes
 from resting_aspects_ros.report.format import COLOURS, GREY, class_rows, interval_text
 from resting_aspects_ros.report.picture import FROM_ABOVE, OBLIQUE, draw_parts, pose_parts
