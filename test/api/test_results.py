@@ -27,16 +27,6 @@ def test_estimate_has_a_result_for_each_method():
     assert result.estimates['stability'].probabilities == pytest.approx(expected)
 
 
-@pytest.mark.slow
-def test_estimate_takes_a_result_or_its_file(dropped, tmp_path):
-    dropped[0].save_json(tmp_path / 'nut.json')
-    from_file = ra.estimate('hex_nut', ['csa'], against=tmp_path / 'nut.json')
-    from_result = ra.estimate('hex_nut', ['csa'], against=dropped[0])
-    np.testing.assert_array_equal(from_result.against.tally.counts, dropped[0].distribution.counts)
-    one, other = (each.comparisons(by_class=True)['csa'] for each in (from_result, from_file))
-    assert one.p_value == other.p_value
-
-
 def test_wrong_arguments_of_estimate_are_named(dropped):
     with pytest.raises(ra.InvalidValueError, match='guess'):
         ra.estimate('box_10x20x30', ['guess'])
