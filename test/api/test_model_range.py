@@ -20,7 +20,7 @@ def dropped(crate, workers):
     return dropped
 
 
-def test_range_is_that_of_the_uncertain_conditions_for_any_workers(dropped, crate, tmp_path):
+def test_range_is_that_of_the_surface_for_any_workers(dropped, crate, tmp_path):
     result = dropped()
     model = result.distribution.model
     assert model.uncertain == ('restitution', 'friction')
@@ -34,12 +34,12 @@ def test_range_is_that_of_the_uncertain_conditions_for_any_workers(dropped, crat
     assert read.uncertain == model.uncertain
 
 
-def test_another_height_keeps_the_uncertainty_and_a_stated_friction_does_not(dropped):
+def test_stated_friction_ends_the_uncertainty_and_height_does_not(dropped):
     assert dropped(height=0.1).distribution.model.uncertain == ('restitution', 'friction')
     assert dropped(friction=0.3).distribution.model.uncertain == ()
 
 
-def test_uncertainty_that_part_and_conditions_exclude_costs_no_drop(dropped):
+def test_uncertainty_that_the_part_excludes_costs_no_drop(dropped):
     low = tuple({'height': height} for height in np.geomspace(1e-4, 1e-3, 8))
     on_mat = shipped_surfaces().get().changed(height_of=HeightOf.CENTRE_OF_MASS)
     result = dropped(surface=dataclasses.replace(on_mat, uncertainty=low))
@@ -69,7 +69,7 @@ def test_range_of_bullet_is_about_its_own_shares(dropped):
         assert each.lower <= each.probability <= each.upper
 
 
-def test_result_without_a_range_has_a_reason_unless_none_was_requested(dropped):
+def test_missing_range_has_a_reason_unless_not_requested(dropped):
     result = dropped(20, surroundings='slope')
     assert result.distribution.model is None
     assert 'level' in result.no_model_range
@@ -81,7 +81,7 @@ def test_result_without_a_range_has_a_reason_unless_none_was_requested(dropped):
     assert result.document()['aspects'][0]['model_lower'] is None
 
 
-def test_recorded_conditions_have_the_uncertainty_of_their_own_surface_only():
+def test_recorded_conditions_are_as_uncertain_as_their_surface():
     mat = shipped_surfaces().get()
     own = Surfaces({'mine': dataclasses.replace(mat, surface='mine', uncertainty=()), 'mat': mat})
     assert own.recorded_uncertainty(own.get('mine')) == ()

@@ -51,7 +51,7 @@ def test_strong_kick_forgets_the_start(crate, workers):
     assert np.abs(shares[:, None] - shares).max() < limit
 
 
-def test_kick_without_energy_changes_nothing_and_precision_ends_it(tetrahedron, workers):
+def test_kick_without_energy_changes_nothing_until_precise(tetrahedron, workers):
     result = ra.reorient(tetrahedron, ra.Kick(), precision=0.1, drops=10, workers=workers)
     lower, upper = result.matrix.bounds()
     assert result.complete

@@ -67,7 +67,7 @@ def test_csv_and_page_have_each_row(simulated, tmp_path):
 
 
 @pytest.mark.slow
-def test_simulated_parts_are_repeated_by_the_seed_for_any_number_of_workers():
+def test_simulated_parts_do_not_depend_on_the_workers():
     # Of some rows, only some parts pass this balcony.
     track, reported = {**NUT, 'traps': [{'kind': 'balcony', 'width': '8mm'}]}, []
     given = {**FEW, 'simulate': 3, 'progress': lambda *found: reported.append(found)}
@@ -97,7 +97,7 @@ def test_an_unknown_action_is_refused_before_the_drops():
 
 
 @pytest.mark.slow
-def test_an_action_before_the_traps_changes_the_shares_by_its_matrix():
+def test_an_action_before_the_traps_changes_the_shares():
     acted = ra.track('t_prism', {'width': '60mm'}, drops=300, before=['toss'])
     (action,) = acted.before
     counts = ra.drop('t_prism', 300, model_range=False).distribution.counts
@@ -153,7 +153,7 @@ def test_without_a_design_other_rows_are_named():
 
 
 @pytest.mark.slow
-def test_rows_in_which_hardly_a_part_arrives_are_summed_up_in_tables_but_not_in_files(tmp_path):
+def test_rare_rows_are_summed_up_in_tables_but_not_in_files(tmp_path):
     found = ra.track('washer', {**NUT, 'traps': [WIPER]}, **FEW)
     assert [row.probability for row in found.rows] == pytest.approx([1, 0, 0])
     assert [len(table.rows) for table in found.tables()] == [1, 1]

@@ -35,7 +35,7 @@ def distribution(bracket):
     return Distribution(find_aspects(bracket), np.array([400, 200, 150, 100, 0]), 120, 30, 0)
 
 
-def test_picture_has_both_widths_and_says_what_the_wider_one_covers(distribution, texts):
+def test_picture_has_both_widths_and_says_what_they_cover(distribution, texts):
     ranged = with_model_range(distribution)
     figure = distribution_figure(ranged, None, 'title', 'Model range: all of it.')
     words = texts(figure)

@@ -43,7 +43,7 @@ def test_intervals_are_below_the_probabilities(bracket, lines):
         assert last == pytest.approx(100 * high, abs=0.051)
 
 
-def test_wide_matrix_is_a_list_with_the_widest_interval_of_each_row(bracket, lines):
+def test_wide_matrix_is_a_list_with_the_widest_intervals(bracket, lines):
     counts = np.zeros((5, 9), dtype=np.int64)
     counts[:, :4] = [700, 100, 100, 50]
     counts[:, 5:] = [20, 10, 10, 10]
