@@ -6,7 +6,6 @@ from doc_pages import code, code_blocks, first_cells, section
 import resting_aspects_ros as ra
 from resting_aspects_ros import client
 
-TUTORIAL = 'docs/tutorials/python.md'
 REFERENCE = 'docs/reference/python.md'
 
 
@@ -24,12 +23,13 @@ def run(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_the_tutorial_prints_what_it_shows(run):
-    printed = ''
-    for language, text in code_blocks(TUTORIAL, 'python', 'text'):
+@pytest.mark.parametrize('name', ['python', 'camera_to_robot'])
+def test_the_tutorial_prints_what_it_shows(run, name):
+    page, printed = f'docs/tutorials/{name}.md', ''
+    for language, text in code_blocks(page, 'python', 'text'):
         if language == 'python':
             assert printed == '', 'the page shows no output of the block before'
-            printed = run(text, TUTORIAL)
+            printed = run(text, page)
         else:
             assert printed == text
             printed = ''
@@ -50,19 +50,21 @@ def test_the_numbers_of_the_page_on_trust(run):
 
 
 @pytest.mark.slow
-def test_conditions_of_your_own(run):
-    (text,) = code('docs/how_to/choose_conditions.md', 'python')
-    printed = run(f'{text}\nprint(result.run.conditions)', 'choose_conditions.md')
-    assert 'friction=0.3' in printed
-    assert 'restitution=0.6' in printed
-
-
-@pytest.mark.slow
-def test_calibration_to_counts(run):
-    (text,) = code('docs/how_to/calibrate.md', 'python')
-    printed = run(text, 'calibrate.md')
-    assert 'oak_table: 1 part, 200 counted drops' in printed
-    assert 'oak_table:\n  height: 0.06\n' in printed
+@pytest.mark.parametrize(
+    ('page', 'more', 'said'),
+    [
+        ('choose_conditions', 'print(result.run.conditions)', ['friction=0.3', 'restitution=0.6']),
+        (
+            'calibrate',
+            '',
+            ['oak_table: 1 part, 200 counted drops', 'oak_table:\n  height: 0.06\n'],
+        ),
+    ],
+)
+def test_example_of_a_guide(run, page, more, said):
+    (text,) = code(f'docs/how_to/{page}.md', 'python')
+    printed = run(f'{text}\n{more}', page)
+    assert all(words in printed for words in said)
 
 
 @pytest.mark.parametrize('module', [ra, client], ids=lambda module: module.__name__)

@@ -33,7 +33,6 @@ def test_examples_in_docstrings_hold(module):
 
 
 def test_every_public_name_exists():
-    assert ra.__all__ == sorted(ra.__all__)
     for name in ra.__all__:
         assert getattr(ra, name).__doc__
     assert set(ra.__all__) <= set(dir(ra))
@@ -41,49 +40,41 @@ def test_every_public_name_exists():
         ra.nothing  # noqa: B018
 
 
-def test_no_ros_is_imported():
+def test_no_ros_and_no_matplotlib_is_imported():
     code = (
         'import sys, resting_aspects_ros as ra\n'
         "light = 'numpy' in sys.modules\n"
         "options = {'drops': 30, 'model_range': False, 'workers': 1}\n"
         "a, b = (ra.drop('tetrahedron', seed=k, **options) for k in (1, 2))\n"
         "ra.compare(a, b), ra.estimate('tetrahedron'), ra.classify(a.poses, 'tetrahedron')\n"
-        "print(light, 'rclpy' in sys.modules)\n"
+        "print(light, 'rclpy' in sys.modules, 'matplotlib' in sys.modules)\n"
     )
     # No `if __name__ == '__main__'` is needed.
     ended = subprocess.run(
         [sys.executable, '-'], input=code, capture_output=True, text=True, check=True
     )
-    assert ended.stdout.split() == ['False', 'False']
+    assert ended.stdout.split() == ['False', 'False', 'False']
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('engine', ['kernel', 'bullet'])
-def test_requested_engine_makes_drops_actions_and_disturbances(workers, engine):
-    options = {'workers': workers, 'engine': engine}
+def test_requested_engine_makes_drops_actions_and_disturbances(workers):
+    options = {'workers': workers, 'engine': 'bullet'}
     runs = (
         ra.drop('tetrahedron', drops=2, model_range=False, **options).run,
         ra.reorient('tetrahedron', 'tap', 1, drops=2, **options).run,
         ra.retention('tetrahedron', 1, **options).run,
     )
-    assert [run.engine for run in runs] == [engine] * 3
+    assert [run.engine for run in runs] == ['bullet'] * 3
 
 
-@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
         ({'surface': 'ice'}, "surface 'ice'"),
-        ({'drops': 0}, 'drops'),
-        ({'seed': -1}, 'seed'),
-        ({'precision': '1%'}, "precision '1%'"),
-        ({'height': -1.0}, 'height'),
         ({'workers': 0}, 'workers'),
-        ({'interval': 'wald'}, 'wald'),
         ({'engine': 'bulet'}, "engine 'bulet'"),
         ({'engine': 'kernel', 'surroundings': 'pocket'}, 'engine kernel'),
     ],
-    ids=str,
 )
 def test_a_wrong_value_is_named(arguments, words):
     with pytest.raises(ra.InvalidValueError, match=words):
@@ -98,7 +89,6 @@ def test_a_wrong_value_is_named(arguments, words):
         ({'folder': 'none'}, "invalid folder of parts 'none': expected a folder"),
         ({'part': 'box.stl', 'unit': 'x'}, "invalid unit 'x': expected one of um, mm"),
     ],
-    ids=str,
 )
 def test_a_wrong_argument_of_load_part_is_named(arguments, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -109,7 +99,7 @@ def test_a_wrong_argument_of_load_part_is_named(arguments, words, tmp_path, monk
 
 @pytest.mark.slow
 def test_a_log_has_the_poses_and_the_distribution(workers, tmp_path):
-    result = ra.drop('tetrahedron', drops=600, seed=4, workers=workers, log=tmp_path / 'logs')
+    result = ra.drop('tetrahedron', drops=60, seed=4, workers=workers, log=tmp_path / 'logs')
     assert result.log.parent == tmp_path / 'logs'
     read = ra.read_log(result.log)
     assert (read.run, read.part.part_sha256) == (result.run, result.part.part_sha256)
@@ -165,16 +155,11 @@ def test_ctrl_c_ends_the_drops_and_their_workers(engine):
 
 
 def test_what_is_odd_about_a_part_is_a_warning(workers, tmp_path):
-    mesh = trimesh.creation.box((0.01, 0.02, 0.03))
-    mesh.export(tmp_path / 'box.stl')
+    trimesh.creation.box((0.01, 0.02, 0.03)).export(tmp_path / 'box.stl')
     with pytest.warns(ra.RestingAspectsWarning, match='in metres it would be 10 x 20 x 30 mm'):
         ra.drop(tmp_path / 'box.stl', 2, model_range=False, workers=workers, height=0.001)
 
 
-@pytest.mark.parametrize(
-    'read',
-    [lambda part: ra.watch_drift(part, [[1, 2, 3, 4, 5]]), lambda part: ra.compare(part, part)],
-)
-def test_a_part_in_place_of_a_result_is_named(part, read):
+def test_a_part_in_place_of_a_result_is_named(crate):
     with pytest.raises(ra.InvalidValueError, match='expected a result of drop, or a file'):
-        read(part('l_bracket'))
+        ra.compare(crate, crate)

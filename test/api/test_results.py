@@ -27,53 +27,28 @@ def test_estimate_has_a_result_for_each_method():
     assert result.estimates['stability'].probabilities == pytest.approx(expected)
 
 
-@pytest.mark.slow
-def test_estimate_takes_a_result_or_its_file(dropped, tmp_path):
-    dropped[0].save_json(tmp_path / 'nut.json')
-    from_file = ra.estimate('hex_nut', ['csa'], against=tmp_path / 'nut.json')
-    from_result = ra.estimate('hex_nut', ['csa'], against=dropped[0])
-    np.testing.assert_array_equal(from_result.against.tally.counts, dropped[0].distribution.counts)
-    one, other = (each.comparisons(by_class=True)['csa'] for each in (from_result, from_file))
-    assert one.p_value == other.p_value
-
-
-@pytest.mark.slow
-def test_wrong_arguments_of_estimate_are_named(dropped, tmp_path):
+def test_wrong_arguments_of_estimate_are_named(dropped):
     with pytest.raises(ra.InvalidValueError, match='guess'):
         ra.estimate('box_10x20x30', ['guess'])
-    dropped[0].save_json(tmp_path / 'nut.json')
     with pytest.raises(ra.InvalidValueError, match='different parts'):
-        ra.estimate('box_10x20x30', against=tmp_path / 'nut.json')
+        ra.estimate('box_10x20x30', ['csa'], against=dropped[0])
     with pytest.raises(ra.NotDefinedError, match='not defined for'):
         ra.estimate('cylinder_d20_h20', ['stability'])
 
 
-def test_runs_of_the_same_part_agree(dropped):
-    result = ra.compare(*dropped)
-    a, b = (each.distribution.counts / each.distribution.counts.sum() for each in dropped)
-    assert result.comparison.deviation == pytest.approx(a - b)
-    assert result.comparison.p_value > 0.001
-    assert 'do not differ significantly' in result.verdict
-
-
-def test_a_result_and_its_file_are_the_same(dropped, tmp_path):
+def test_runs_of_the_same_part_and_their_files_agree(dropped, tmp_path):
     for name, each in zip('ab', dropped, strict=True):
         each.save_json(tmp_path / f'{name}.json')
     files = ra.compare(tmp_path / 'a.json', tmp_path / 'b.json', confidence=0.99)
     result = ra.compare(dropped[0], tmp_path / 'b.json', confidence=0.99)
+    a, b = (each.distribution.counts / each.distribution.counts.sum() for each in dropped)
+    assert result.comparison.deviation == pytest.approx(a - b)
+    assert result.comparison.p_value > 0.001
+    assert 'do not differ significantly' in result.verdict
     expected, document = (json.loads(each.to_json()) for each in (files, result))
     assert document['a'].pop('file') == f'run {dropped[0].run.run_id}'
     del expected['a']['file']
     assert document == expected
-
-
-def test_a_result_is_compared_with_a_count_by_class(dropped, tmp_path):
-    classes = dropped[0].distribution.by_class().counts
-    lines = [f'{k},{count}' for k, count in enumerate(classes.tolist(), start=1)]
-    (tmp_path / 'hand.csv').write_text('\n'.join(['class,count', *lines]), encoding='utf-8')
-    result = ra.compare(dropped[0], tmp_path / 'hand.csv')
-    assert result.sides.what == 'class'
-    assert result.comparison.total_variation == 0
 
 
 def test_what_cannot_be_compared_is_refused(dropped, workers):
@@ -94,10 +69,12 @@ def test_poses_are_sorted_into_aspects(dropped):
     expected = ra.find_aspects(ra.load_part('hex_nut')).classify(poses.orientation[settled])
     assert np.array_equal(result.aspect, expected)
     assert result.by_part.distribution.drops == 300
-    # Quaternions alone give the same result.
-    again = ra.classify(poses.orientation[settled], 'hex_nut')
-    assert np.array_equal(again.aspect, expected)
-    assert np.array_equal(again.clusters.labels, result.clusters.labels)
+    alone = ra.classify(poses.orientation[settled])
+    assert np.array_equal(alone.clusters.labels, result.clusters.labels)
+    with pytest.raises(ra.InvalidValueError, match='expected a part'):
+        alone.aspect  # noqa: B018
+    with pytest.warns(ra.RestingAspectsWarning, match="are in no aspect of 'tetrahedron'"):
+        ra.classify(poses, 'tetrahedron')
 
 
 @pytest.mark.parametrize(
@@ -105,21 +82,9 @@ def test_poses_are_sorted_into_aspects(dropped):
     [
         (np.ones((2, 3)), r'invalid shape \(2, 3\)'),
         ([[0, 0, 0, 1.0], [0, 0, 0, 2.0]], 'of pose 1: expected a quaternion of length 1'),
-        ([[0, 0, 0, 1.0], [0, 0, np.nan, 1.0]], 'of pose 1: expected a quaternion'),
         ([[0, 0, 0, 1.0]], 'invalid number of settled poses 1: expected at least 2'),
     ],
-    ids=['shape', 'length', 'nan', 'too few'],
 )
 def test_wrong_poses_are_named(poses, words):
     with pytest.raises(ra.InvalidValueError, match=words):
         ra.classify(poses)
-
-
-def test_poses_without_a_part_have_no_aspects(dropped):
-    with pytest.raises(ra.InvalidValueError, match='expected a part'):
-        ra.classify(dropped[0].poses).aspect  # noqa: B018
-
-
-def test_poses_of_another_part_are_pointed_out(dropped):
-    with pytest.warns(ra.RestingAspectsWarning, match="are in no aspect of 'tetrahedron'"):
-        ra.classify(dropped[0].poses, 'tetrahedron')

@@ -13,43 +13,29 @@ from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.support import CORNER, EDGE, NONE
 from resting_aspects_ros.report.document import to_json
-from resting_aspects_ros.statistics.distribution import (
-    Distribution,
-    Placement,
-    Placements,
-)
+from resting_aspects_ros.statistics.distribution import Distribution, Placement, Placements
 from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatrix
 
-TAP = {'kind': 'kick', 'speed': np.float64(0.3), 'time': 0.5}
+
+@pytest.fixture(scope='module')
+def aspects(crate):
+    return find_aspects(crate)
 
 
 @pytest.fixture(scope='module')
-def box(part):
-    return part('box_10x20x30')
-
-
-@pytest.fixture(scope='module')
-def aspects(box):
-    return find_aspects(box)
-
-
-def matrix(aspects, counts):
-    """Return a matrix of counts by (row, column), counted from 1."""
-    table = np.zeros((len(aspects), len(aspects) + len(OUTCOMES)), dtype=np.int64)
-    for (row, column), count in counts.items():
-        table[row - 1, column - 1] = count
-    return TransitionMatrix(aspects, table)
-
-
-@pytest.fixture(scope='module')
-def document(box, aspects):
+def document(crate, aspects):
     """Return a document of a box, as read from JSON, with two actions."""
     counts = np.array([300, 310, 100, 90, 20, 25], dtype=np.int64)
     drops = Distribution(aspects, counts, 5, 0, 0)
-    weights = estimate(RestingShape(box, aspects), 'csa').probabilities
-    tap = matrix(aspects, {(1, 1): 80, (1, 2): 15, (1, 7): 5, (3, 1): 40, (3, 3): 60})
-    matrices = {'tap': (tap, TAP), 'toss': (matrix(aspects, {(1, 2): 7}), {'kind': 'kick'})}
-    return json.loads(to_json(roadmap_document(box, drops, weights, matrices)))
+    weights = estimate(RestingShape(crate, aspects), 'csa').probabilities
+    tap, toss = np.zeros((2, 6, 6 + len(OUTCOMES)), dtype=np.int64)
+    tap[[0, 0, 0, 2, 2], [0, 1, 6, 0, 2]] = [80, 15, 5, 40, 60]
+    toss[0, 1] = 7
+    matrices = {
+        'tap': (TransitionMatrix(aspects, tap), {'kind': 'kick', 'speed': np.float64(0.3)}),
+        'toss': (TransitionMatrix(aspects, toss), {'kind': 'kick'}),
+    }
+    return json.loads(to_json(roadmap_document(crate, drops, weights, matrices)))
 
 
 def test_the_document_has_every_aspect(document, aspects):
@@ -69,26 +55,19 @@ def test_the_document_has_every_aspect(document, aspects):
     assert poses[0]['contact_counts'] == {'floor': 300, 'wall': 0}
 
 
-def test_contacts_are_those_of_most_drops_in_an_aspect(box, aspects):
+def test_contacts_are_those_of_most_drops_in_an_aspect(crate, aspects):
     """A wall is touched in aspect 1 by 200 of 300 drops, in 2 by 100 of 300; 4 is never seen."""
-    contacts = Placements(
-        ('belt', 'wall'),
-        [
-            Placement((1, 3), np.array([0, 0, 0, 1.0]), 150),
-            Placement((1, EDGE), np.array([0, 0, 0, 1.0]), 50),
-            Placement((1, NONE), np.array([0, 0, 0, 1.0]), 100),
-            Placement((2, CORNER), np.array([0, 0, 0, 1.0]), 100),
-            Placement((2, NONE), np.array([0, 0, 0, 1.0]), 200),
-            Placement((EDGE, 3), np.array([0, 0, 0, 1.0]), 7),
-            Placement((3, NONE), np.array([0, 0, 0, 1.0]), 5),
-        ],
-        drops=612,
-    )
+    touched = {
+        (1, 3): 150, (1, EDGE): 50, (1, NONE): 100, (2, CORNER): 100, (2, NONE): 200,
+        (EDGE, 3): 7, (3, NONE): 5,
+    }  # fmt: skip
+    placed = [Placement(key, np.array([0, 0, 0, 1.0]), n) for key, n in touched.items()]
+    contacts = Placements(('belt', 'wall'), placed, drops=612)
     counts = np.array([300, 300, 5, 0, 0, 0], dtype=np.int64)
     drops = Distribution(aspects, counts, 7, 0, 0, contacts=contacts)
     found = [
         (pose['contacts']['floor'], pose['contacts']['wall'], *pose['contact_counts'].values())
-        for pose in roadmap_document(box, drops, None, {})['poses']
+        for pose in roadmap_document(crate, drops, None, {})['poses']
     ]
     assert found == [
         (True, True, 300, 200), (True, False, 300, 100), (True, False, 5, 0),
@@ -114,7 +93,7 @@ def test_the_document_has_every_pair_that_was_seen(document):
     }  # fmt: skip
     assert second['experimental'] == {'status': 'untested', 'trials': None, 'successes': None}
     assert [each['values'] for each in document['actions']] == [
-        {'kind': 'kick', 'speed': 0.3, 'time': 0.5}, {'kind': 'kick'}
+        {'kind': 'kick', 'speed': 0.3}, {'kind': 'kick'}
     ]  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Reports of parts, without a drop: counts are given."""
 
 import dataclasses
-from itertools import combinations, count
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -23,37 +23,28 @@ from resting_aspects_ros.statistics.distribution import Distribution
 class Report:
     """What a page of a distribution shows, and the page."""
 
-    title: str
-    subtitle: str
     distribution: Distribution
-    part: Part | None
-    more: dict[str, Any] = dataclasses.field(default_factory=dict)
+    part: Part
+    more: dict[str, Any]
 
     @property
     def page(self):
-        return drop_page(self.distribution, self.part, self.title, self.subtitle, **self.more)
+        subtitle = f'{self.distribution.drops} drops on a tray'
+        return drop_page(self.distribution, self.part, self.part.name, subtitle, **self.more)
 
 
 @pytest.fixture(scope='session')
 def make_report():
     """Make the report of a part with a share of the drops in each aspect, and 3 % in none."""
 
-    def make(
-        part, *, drops=1000, unseen=(), measured=False, interval='wilson', confidence=0.95, **more
-    ):
+    def make(part, *, unseen=(), measured=False, **more):
         aspects = find_aspects(part)
         weights = np.array([a.basin_share for a in aspects])
         weights[[k - 1 for k in unseen]] = 0.0
-        counts = np.random.default_rng(4).multinomial(
-            drops - 3 * drops // 100, weights / weights.sum()
-        )
-        distribution = Distribution(
-            aspects, counts, drops * 2 // 100, drops // 100, 0, interval, confidence
-        )
+        counts = np.random.default_rng(4).multinomial(970, weights / weights.sum())
+        distribution = Distribution(aspects, counts, 20, 10, 0)
         if measured:
-            own = DropCounts(
-                distribution.by_class().counts, distribution.unclassified, drops // 100
-            )
+            own = DropCounts(distribution.by_class().counts, 20, 10)
             other = DropCounts(own.counts // 2 + 3)
             found = compare(own, other, np.random.default_rng(1))
             ids = tuple(range(1, len(own.counts) + 1))
@@ -64,7 +55,7 @@ def make_report():
             )
         looks = np.array([10, 30, 100, 300, distribution.drops])
         more.setdefault('history', (looks, np.outer(looks, counts) // distribution.drops))
-        return Report(part.name, f'{drops} drops on a tray', distribution, part, more)
+        return Report(distribution, part, more)
 
     return make
 
@@ -80,20 +71,6 @@ def many_sided(solid):
     far = 10 * (1 + 0.02 * np.random.default_rng(2).random(40))
     sides = HalfspaceIntersection(np.column_stack([normals, -far]), np.zeros(3))
     return solid(trimesh.convex.convex_hull(sides.intersections))
-
-
-@pytest.fixture(scope='session')
-def written(tmp_path_factory):
-    """Write a report; returns the folder."""
-    numbers = count()
-
-    def write(report):
-        folder = tmp_path_factory.mktemp(f'report{next(numbers)}')
-        for name, data in report.page.files():
-            (folder / name).write_bytes(data)
-        return folder
-
-    return write
 
 
 @pytest.fixture(scope='session')

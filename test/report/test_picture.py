@@ -2,8 +2,6 @@
 
 import io
 import itertools
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,17 +10,10 @@ from PIL import Image
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.report.drop_figures import (
-    MARGIN,
-    MAX_SHOWN,
-    ROW,
-    _rows,
-    distribution_figure,
-)
+from resting_aspects_ros.report.drop_figures import MAX_SHOWN, _rows, distribution_figure
 from resting_aspects_ros.report.figure import png_bytes
 from resting_aspects_ros.report.format import COLOURS, GREY, class_rows, interval_text
 from resting_aspects_ros.report.picture import FROM_ABOVE, OBLIQUE, draw_parts, pose_parts
-from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.statistics.model_range import with_model_range
 
@@ -32,18 +23,6 @@ BLUE = (0.0, 0.45, 0.7)
 
 def rgb(colour):
     return [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
-
-
-def drawn(*given):
-    """The picture of a distribution, as pixels."""
-    with Image.open(io.BytesIO(png_bytes(distribution_figure(*given)))) as image:
-        assert image.format == 'PNG'
-        return np.asarray(image.convert('RGB')).astype(int)
-
-
-def bar_length(image, colour):
-    """Pixels of the longest row of exactly this colour; the whisker runs in the middle only."""
-    return int((image == rgb(colour)).all(axis=2).sum(axis=1).max())
 
 
 @pytest.fixture(scope='module')
@@ -56,44 +35,31 @@ def distribution(bracket):
     return Distribution(find_aspects(bracket), np.array([400, 200, 150, 100, 0]), 120, 30, 0)
 
 
-@pytest.mark.slow
-def test_bar_lengths_are_proportional_to_probabilities(distribution, bracket):
-    image = drawn(distribution, bracket, 'title', 'subtitle')[
-        :, MARGIN + ROW :
-    ]  # beside the part's pictures
-    longest = bar_length(image, COLOURS[0])
-    assert longest > 300
-    for colour, count in zip(COLOURS, distribution.counts, strict=False):
-        assert bar_length(image, colour) == pytest.approx(longest * count / 400, abs=2)
-    assert bar_length(image, GREY) == pytest.approx(longest * 120 / 400, abs=2)
-
-
-def test_picture_has_both_widths_and_says_what_the_wider_one_covers(distribution, texts):
+def test_picture_has_both_widths_and_says_what_they_cover(distribution, texts):
     ranged = with_model_range(distribution)
     figure = distribution_figure(ranged, None, 'title', 'Model range: all of it.')
     words = texts(figure)
     assert 'Model range: all of it.' in words
     bars = figure.axes[1].patches
     ends = {(round(b.get_x(), 6), round(b.get_x() + b.get_width(), 6)) for b in bars}
+    lengths = {round(b.get_width(), 6) for b in bars}
     for row in class_rows(ranged):
+        assert round(row.interval.probability, 6) in lengths
         shown = f'{interval_text(row.interval)}\nmodel range {interval_text(row.model)}'
         assert shown in words
         assert (round(row.model.lower, 6), round(row.model.upper, 6)) in ends
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings('error')
 def test_picture_without_drops_or_aspects(distribution, bracket):
     for aspects in (distribution.aspects, AspectSet(bracket.part_sha256, ())):
-        image = drawn(no_drops(aspects), bracket, 'none')
-        assert image.shape[1] == 1240
-        assert (image < 128).any()
+        data = png_bytes(distribution_figure(no_drops(aspects), bracket, 'none'))
+        with Image.open(io.BytesIO(data)) as image:
+            assert image.width == 1240
 
 
 def test_most_probable_classes_are_shown_and_others_summed(many_sided):
     aspects = find_aspects(many_sided)
-    classes = len(aspects.classes())
-    assert classes == len(aspects) > 30  # no two look alike
     counts = np.arange(len(aspects))[::-1] % 50
     rows = _rows(Distribution(aspects, counts, 0, 7, 0))
     shown = [row.aspects[0].id for row in rows if row.aspects]
@@ -112,23 +78,23 @@ def test_most_probable_classes_are_shown_and_others_summed(many_sided):
 
 def test_colours_are_distinguishable_for_colour_blind_viewers():
     assert len(set(COLOURS)) == len(COLOURS)
-    # Machado, Oliveira and Fernandes 2009, severity 1.
-    sights = {
-        'all': np.eye(3),
-        'no red': [
+    # Machado, Oliveira and Fernandes 2009, severity 1: no red, no green.
+    sights = [
+        np.eye(3),
+        [
             [0.152286, 1.052583, -0.204868],
             [0.114503, 0.786281, 0.099216],
             [-0.003882, -0.048116, 1.051998],
         ],
-        'no green': [
+        [
             [0.367322, 0.860646, -0.227968],
             [0.280085, 0.672501, 0.047413],
             [-0.011820, 0.042940, 0.968881],
         ],
-    }
+    ]
     colours = np.array([rgb(colour) for colour in (*COLOURS, GREY)]) / 255
     linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
-    for sight in sights.values():
+    for sight in sights:
         lab = cielab(np.clip(linear @ np.transpose(sight), 0, 1))
         assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(lab, 2)) > 10
 
@@ -148,25 +114,15 @@ def silhouette(image):
     return image[..., 3] > 0.95
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', ['l_bracket', 'tetrahedron'])
-def test_part_has_the_size_of_its_projection(part, name):
-    shape = part(name)
-    aspects = find_aspects(shape).aspects
-    solids = pose_parts(shape, aspects)
-    images = draw_parts(solids, [BLUE] * len(aspects), PIXELS)
-    spans = [np.ptp(solid.points @ OBLIQUE[:2].T, axis=0) for solid in solids]
-    for a, b in itertools.combinations(range(len(aspects)), 2):
-        # One scale for all: extents in pixels are in the ratio of extents in metres.
-        assert extent(images[a]) * spans[b] / spans[a] == pytest.approx(extent(images[b]), abs=3)
-    hull = shape.hull_vertices
-    for image, aspect in zip(images, aspects, strict=True):
-        # For any turn about the vertical the picture's height is between these: the hull's
-        # extents, not the renderer's.
-        rise = np.ptp(hull @ aspect.down_in_part) * np.linalg.norm(OBLIQUE[1, 2])
-        wide = 2 * np.linalg.norm(hull - hull.mean(axis=0), axis=1).max()
-        per_metre = extent(images[0])[0] / spans[0][0]
-        assert rise * per_metre - 3 < extent(image)[1] < (rise + wide) * per_metre + 3
+@pytest.mark.parametrize('view', [OBLIQUE, FROM_ABOVE], ids=['oblique', 'above'])
+def test_parts_have_the_sizes_of_their_projections(bracket, view):
+    """One scale for all: extents in pixels are in the ratio of extents in metres."""
+    solids = pose_parts(bracket, find_aspects(bracket).aspects)
+    images = draw_parts(solids, [BLUE] * len(solids), PIXELS, view)
+    scale = extent(images[0])[0] / np.ptp(solids[0].points @ view[0])
+    for image, solid in zip(images, solids, strict=True):
+        expected = np.ptp(solid.points @ view[:2].T, axis=0) * scale
+        assert extent(image) == pytest.approx(expected, abs=3)
 
 
 def extent(image):
@@ -175,64 +131,6 @@ def extent(image):
     return np.array([np.ptp(columns), np.ptp(rows)]) + 1.0
 
 
-def test_posed_part_touches_the_surface_in_its_aspect(part):
-    for name in ('l_bracket', 'tetrahedron', 'hex_nut'):
-        shape = part(name)
-        aspects = find_aspects(shape).aspects
-        for aspect, solid in zip(aspects, pose_parts(shape, aspects), strict=True):
-            corners = solid.points[solid.faces]
-            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-            np.testing.assert_allclose(normals, solid.normals, atol=1e-6)
-            # A rotation that takes the part there has the aspect's direction pointing down.
-            turn, *_ = np.linalg.lstsq(
-                shape.vertices - shape.vertices[0], solid.points - solid.points[0], rcond=None
-            )
-            np.testing.assert_allclose(turn.T @ aspect.down_in_part, [0, 0, -1], atol=1e-6)
-            assert np.linalg.det(turn) == pytest.approx(1.0)
-            assert solid.points[:, 2].min() == 0.0
-            for orientation in (aspect.orientation, solid.orientation):
-                np.testing.assert_allclose(
-                    down_in_part(orientation), aspect.down_in_part, atol=1e-9
-                )
-            turned = rotate(solid.orientation, shape.vertices)
-            turned[:, 2] -= turned[:, 2].min()
-            np.testing.assert_allclose(turned, solid.points, atol=1e-9)
-
-
-def test_view_from_above_matches_the_projection(bracket):
-    aspects = find_aspects(bracket).aspects
-    solids = pose_parts(bracket, aspects)
-    images = draw_parts(solids, [BLUE] * len(aspects), PIXELS, FROM_ABOVE)
-    scale = extent(images[0])[0] / np.ptp(solids[0].points[:, 0])
-    for image, solid in zip(images, solids, strict=True):
-        assert extent(image) == pytest.approx(np.ptp(solid.points[:, :2], axis=0) * scale, abs=3)
-
-
-@pytest.mark.slow
-def test_matplotlib_is_imported_lazily_and_pyplot_never():
-    code = """
-import sys
-import numpy as np
-from resting_aspects_ros.aspects.aspect_set import AspectSet
-from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.report.figure import png_bytes
-from resting_aspects_ros.report.drop_page import drop_page
-from resting_aspects_ros.report.drop_figures import distribution_figure
-assert 'matplotlib' not in sys.modules
-assert 'jinja2' not in sys.modules
-png_bytes(distribution_figure(Distribution(AspectSet('', ()), np.array([], int), 3, 0, 0),
-                              None, 'title'))
-assert 'matplotlib' in sys.modules
-assert 'matplotlib.pyplot' not in sys.modules
-"""
-    done = subprocess.run(
-        [sys.executable, '-c', code], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.slow
 def test_inside_of_an_open_mesh_is_visible(solid):
     box = trimesh.creation.box([20, 30, 40])
     whole = solid(box)

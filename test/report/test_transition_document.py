@@ -11,7 +11,6 @@ from resting_aspects_ros.statistics.markov import long_run
 from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 
 OUTCOMES = ['unclassified', 'unsettled', 'failed', 'lost']
-ROWS = ('counts', 'probability', 'lower', 'upper')
 
 
 @pytest.fixture(scope='module')
@@ -35,30 +34,23 @@ def written(fields):
 
 def test_matrix_has_exact_numbers_for_each_aspect(matrix):
     fields = written(matrix_fields(matrix))
-    assert set(fields) == {'columns', 'actions', 'classes', *ROWS}
     assert fields['columns'] == [1, 2, 3, 4, 5, 6, *OUTCOMES]
     assert fields['counts'] == matrix.counts.tolist()
     assert fields['actions'] == [sum(row) for row in fields['counts']]
     lower, upper = matrix.bounds()
     assert (fields['lower'], fields['upper']) == (lower.tolist(), upper.tolist())
-    for row, counts, actions in zip(
-        fields['probability'], fields['counts'], fields['actions'], strict=True
-    ):
-        assert row == ([n / actions for n in counts] if actions else [None] * 10)
-    assert fields['actions'][4] == 0
+    assert fields['probability'][0] == [n / 700 for n in fields['counts'][0]]
+    assert (fields['actions'][4], fields['probability'][4]) == (0, [None] * 10)
     assert (fields['lower'][4], fields['upper'][4]) == ([0.0] * 10, [1.0] * 10)
 
 
 def test_classes_sum_rows_and_columns_of_their_members(matrix):
     classes = written(matrix_fields(matrix))['classes']
-    assert set(classes) == {'members', 'columns', 'actions', *ROWS}
     assert classes['columns'] == [1, 2, 3, *OUTCOMES]
     assert classes['members'] == [[1, 2], [3, 4], [5, 6]]
-    for row, start in zip(classes['counts'], classes['members'], strict=True):
-        starts = matrix.counts[[k - 1 for k in start]].sum(axis=0)
-        ends = [starts[[k - 1 for k in members]].sum() for members in classes['members']]
-        assert row == [*ends, *starts[6:]]
-    assert classes['actions'] == [1400, 1400, 700]
+    pairs = np.kron(np.eye(3, dtype=int), [1, 1])  # sums the two aspects of each class
+    ends = pairs @ matrix.counts[:, :6] @ pairs.T
+    assert classes['counts'] == np.hstack([ends, pairs @ matrix.counts[:, 6:]]).tolist()
 
 
 def test_long_run_of_two_closed_classes_has_ids_and_weights(box):
@@ -80,10 +72,6 @@ def test_retention_curve_has_levels_with_bounds():
     lift = np.array([0.001, 0.002, 0.004, 0.008])
     curve = RetentionCurve(3, 0.0015, lift, np.array([0, 20, 40, 80]), np.full(4, 400), 0.95)
     fields = written(retention_fields(curve))
-    assert set(fields) == {
-        *('aspect', 'barrier', 'lift', 'left', 'parts', 'probability', 'lower', 'upper'),
-        'levels',
-    }
     assert (fields['aspect'], fields['barrier']) == (3, 0.0015)
     assert fields['lift'] == lift.tolist()
     assert fields['probability'] == [0.0, 0.05, 0.1, 0.2]
