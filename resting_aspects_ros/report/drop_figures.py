@@ -247,7 +247,7 @@ def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float
         )
 
 
-WIDTH, HEIGHT = 5.0, 4.4  # of the figure, inches
+WIDTH, HEIGHT = 5.0, 4.6  # of the figure, inches: the label of a picture at the bottom is inside
 # Half the width of the figure in pie radii, with pictures around the pie and without.
 REACH, BARE_REACH = 2.0, 1.32
 # Slices with a smaller share have their name beside them.

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from resting_aspects_ros.report.drop_figures import comparison_figure, convergence_figure
+from resting_aspects_ros.report.drop_figures import (
+    comparison_figure,
+    convergence_figure,
+    pie_figure,
+)
 from resting_aspects_ros.report.figure import NARROW, WIDE, labels_apart
 from resting_aspects_ros.report.format import Row
 from resting_aspects_ros.statistics.intervals import Interval
@@ -61,6 +65,17 @@ def test_comparison_with_long_texts_is_readable(rows, texts, width):
     low, high = axes.get_xlim()
     assert low == 0
     assert 0.3 < 0.97 / high < 1
+
+
+def test_labels_of_small_slices_at_the_bottom_are_inside(texts):
+    shares = np.where(np.arange(24) == 11, 0.055, 0.945 / 23)
+    rows = [
+        Row(f'aspect {k}', round(1e3 * p), Interval(p, 0.9 * p, 1.1 * p), '#0072B2')
+        for k, p in enumerate(shares.tolist(), 1)
+    ]
+    figure = pie_figure(rows, [np.ones((8, 8, 4))] * len(rows))
+    texts(figure)
+    assert 'aspect 12' in [text.get_text() for text in figure.axes[0].texts]
 
 
 def test_labels_that_are_too_close_move_apart_by_little():
