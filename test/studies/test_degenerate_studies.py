@@ -15,24 +15,22 @@ from resting_aspects_ros.studies.points import Case
 from resting_aspects_ros.studies.study import StudyResult, StudySpec
 
 HEIGHT, FRICTION = Factor('height', 0.02, 0.2, 3), Factor('friction', 0.1, 0.5, 2)
-# Counts (3, c) of a class or two at three heights, and lost drops (3,).
-TABLES = {
-    'one class': ([[20], [20], [20]], [0] * 3),
-    'one class, some lost': ([[20], [20], [0]], [0, 0, 20]),
-    'one point': ([[12, 8], [0, 0], [0, 0]], [0] * 3),
-    'a class that never occurs, some lost': ([[20, 0], [10, 0], [0, 0]], [0, 10, 20]),
-    'all lost': ([[0, 0]] * 3, [20] * 3),
-    'no drops': ([[0, 0]] * 3, [0] * 3),
-}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ('name', 'factors'),
-    [('one point', (HEIGHT,)), *((name, (HEIGHT, FRICTION)) for name in TABLES)],
+    ('table', 'lost', 'factors'),
+    # Counts (3, c) of a class or two at three heights, and lost drops (3,).
+    [
+        ([[20], [20], [0]], [0, 0, 20], (HEIGHT, FRICTION)),
+        ([[12, 8], [0, 0], [0, 0]], [0] * 3, (HEIGHT,)),
+        ([[20, 0], [10, 0], [0, 0]], [0, 10, 20], (HEIGHT, FRICTION)),
+        ([[0, 0]] * 3, [0] * 3, (HEIGHT, FRICTION)),
+    ],
+    ids=['one class, some lost', 'one point', 'a class that never occurs', 'no drops'],
 )
-def test_degenerate_counts_have_tables_findings_and_a_page(name, factors, tmp_path):
-    table, lost = (np.array(each) for each in TABLES[name])
+def test_degenerate_counts_have_tables_findings_and_a_page(table, lost, factors, tmp_path):
+    table, lost = np.array(table), np.array(lost)
     part = ra.load_part('tetrahedron' if table.shape[1] == 1 else 'washer')
     aspects = ra.find_aspects(part)
     assert len(aspects.classes()) == table.shape[1]

@@ -38,16 +38,23 @@ def whole(here):
 
 
 @pytest.mark.slow
-def test_study_that_is_stopped_keeps_finished_points(tmp_path, here, whole):
+def test_study_that_is_broken_off_or_stopped_continues(tmp_path, here, whole):
     asked = []
-    workers = here(lookahead=1)
+    with pytest.raises(EngineError):
+        run_study(spec(), tmp_path, workers=here(failing=(5,), lookahead=1))
+    assert len((tmp_path / STORE).read_text().splitlines()) == 3  # versions and two points
     result = run_study(
-        spec(), tmp_path, workers=workers, stopped=lambda: len(asked.append(1) or asked) > 20
+        spec(),
+        tmp_path,
+        workers=here(lookahead=1),
+        stopped=lambda: len(asked.append(1) or asked) > 5,
     )
     assert not result.complete
     finished = [row for row, full in zip(table(result)[0], whole[0], strict=True) if row == full]
     assert len((tmp_path / STORE).read_text().splitlines()) == 1 + len(finished)
-    assert table(run_study(spec(), tmp_path, workers=here())) == whole
+    workers = here()
+    assert table(run_study(spec(), tmp_path, workers=workers)) == whole
+    assert simulated(workers) == len(whole[0]) - len(finished)
 
 
 @pytest.mark.slow
@@ -82,8 +89,9 @@ def test_changes_are_confirmed_by_fresh_drops(tmp_path, here):
 
 
 @pytest.mark.slow
-def test_study_yaml_has_all_that_is_needed_to_repeat_it(tmp_path, here, whole):
-    run_study(spec(), tmp_path / 'first', workers=here())
+def test_study_yaml_repeats_a_study_and_more_drops_begin_with_the_same(tmp_path, here, whole):
+    run_study(spec(drops=500), tmp_path / 'first', workers=here())
+    assert table(run_study(spec(), tmp_path / 'first', workers=here())) == whole
     (tmp_path / 'first').rename(tmp_path / 'moved')
     (tmp_path / 'moved' / STORE).unlink()
     again = run_study(read_spec(tmp_path / 'moved' / SPEC), tmp_path / 'other', workers=here())
@@ -98,23 +106,22 @@ def test_part_of_a_study_is_saved_with_its_mass(tmp_path, here):
     assert result.cases[0].drops.tolist() == [1, 1]
 
 
-def test_drops_of_other_versions_are_refused(tmp_path):
-    PointStore(tmp_path / STORE, VERSIONS).add('a', 2, np.array([[1, 1]]))
-    with pytest.raises(InvalidValueError, match='made with numpy 1, expected 3'):
-        PointStore(tmp_path / STORE, {**VERSIONS, 'numpy': '3'})
-
-
-def test_line_that_was_cut_short_is_removed(tmp_path):
+def test_only_a_store_of_the_same_versions_is_continued(tmp_path):
     path = tmp_path / STORE
     PointStore(path, VERSIONS).add('a', 2, np.array([[1, 1]]))
+    with pytest.raises(InvalidValueError, match='made with numpy 1, expected 3'):
+        PointStore(path, {**VERSIONS, 'numpy': '3'})
     whole = path.read_bytes()
     with path.open('ab') as file:
-        file.write(b'{"point":"b","drops":2,"cou')
+        file.write(b'{"point":"b","drops":2,"cou')  # cut short
     store = PointStore(path, VERSIONS)
     assert path.read_bytes() == whole
     assert store.counts('a', 2).tolist() == [[1, 1]]
     assert store.counts('a', 3) is None
     assert store.counts('b', 2) is None
+    path.write_text('{"x": 1}\n')
+    with pytest.raises(InvalidValueError, match='expected points of a study'):
+        PointStore(path, VERSIONS)
 
 
 @pytest.mark.slow
@@ -138,12 +145,6 @@ def test_full_disk_loses_no_finished_point(tmp_path, here, whole, monkeypatch):
     assert simulated(workers) == 2
 
 
-def test_file_that_is_no_store_is_refused(tmp_path):
-    (tmp_path / STORE).write_text('{"x": 1}\n')
-    with pytest.raises(InvalidValueError, match='expected points of a study'):
-        PointStore(tmp_path / STORE, VERSIONS)
-
-
 def test_impossible_points_are_skipped_and_counted(tmp_path, here):
     conditions = {'height_of': 'CENTRE_OF_MASS'}
     made = spec(vary={'height': '1mm:100mm:4'}, design='factorial', drops=5, conditions=conditions)
@@ -163,14 +164,8 @@ def test_impossible_points_are_skipped_and_counted(tmp_path, here):
 
 
 def test_actions_are_counted_by_the_class_from_which_they_start(here):
-    made = make_spec(
-        {
-            'parts': ['box_10x20x30'],
-            'action': 'tap',
-            'vary': {'action.speed': '0.05:0.8:2', 'friction': '0.2:0.5:2'},
-            'drops': 10,
-        }
-    )
+    vary = {'action.speed': '0.05:0.8:2', 'friction': '0.2:0.5:2'}
+    made = spec(parts=['box_10x20x30'], action='tap', vary=vary, drops=10)
     result = run_study(made, None, workers=here())
     assert [case.start for case in result.cases] == [1, 2, 3]
     assert all(row['model_lower'] is None for row in result.rows)
@@ -182,15 +177,8 @@ def test_actions_are_counted_by_the_class_from_which_they_start(here):
 
 
 def test_surroundings_vary(here):
-    made = make_spec(
-        {
-            'parts': ['tetrahedron'],
-            'surroundings': 'slope',
-            'vary': {'surroundings.angle': '0deg:20deg:2'},
-            'design': 'factorial',
-            'drops': 10,
-        }
-    )
+    vary = {'surroundings.angle': '0deg:20deg:2'}
+    made = spec(surroundings='slope', vary=vary, design='factorial', drops=10)
     result = run_study(made, None, workers=here())
     assert result.cases[0].drops.tolist() == [10, 10]
     assert json.loads(json.dumps(made.document(['x'])))['surroundings']['kind'] == 'slope'
@@ -203,15 +191,11 @@ def test_surroundings_vary(here):
         ({'parts': []}, 'missing part'),
         ({'parts': [1]}, r'invalid parts \[1\]: expected the name of a part'),
         ({'design': ['curves']}, r"invalid design \['curves'\]: expected one of curves"),
-        ({'points': 10**400}, 'invalid number of points'),
         ({'action': {'kind': ['kick']}}, r"invalid kind of action \['kick'\]"),
-        ({'surroundings': {'kind': {}}}, 'invalid kind of surroundings {}'),
         ({'extra': 1}, "invalid key 'extra'"),
         ({'conditions': {'hight': 1}}, "invalid condition 'hight'"),
         ({'tolerance': 2}, 'invalid tolerance 2'),
-        ({'conditions': {'height': 60}}, 'invalid height 60 m'),
         ({'vary': {'height': '0.1:60'}}, 'invalid height 60 m'),
-        ({'drops': 0}, 'drops'),
         ({'parts': ['tetrahedron', 'tetrahedron']}, 'expected different names'),
     ],
 )
@@ -225,22 +209,3 @@ def test_invalid_value_names_the_file(tmp_path):
     path.write_text('parts: tetrahedron\nvary: {friction: "0.1:0.5"}\npoints: 0\n')
     with pytest.raises(InvalidValueError, match=r'odd\.yaml.*invalid (number of )?points'):
         read_spec(path)
-
-
-@pytest.mark.slow
-def test_study_that_was_broken_off_continues(tmp_path, here, whole):
-    with pytest.raises(EngineError):
-        run_study(spec(), tmp_path, workers=here(failing=(5,), lookahead=1))
-    lines = (tmp_path / STORE).read_text().splitlines()
-    assert len(lines) == 3  # versions and two points
-    workers = here()
-    result = run_study(spec(), tmp_path, workers=workers)
-    assert result.complete
-    assert table(result) == whole
-    assert simulated(workers) == 2
-
-
-@pytest.mark.slow
-def test_more_drops_begin_with_the_same_ones(tmp_path, here, whole):
-    run_study(spec(drops=500), tmp_path, workers=here())
-    assert table(run_study(spec(), tmp_path, workers=here())) == whole
