@@ -179,15 +179,6 @@ def test_each_of_24_poses_of_a_block_is_counted_by_its_pair_of_sides(block):
     assert sorted(np.bincount(classes)[1:].tolist()) == [4] * 6
 
 
-def test_first_drops_keep_the_order_of_their_placements(block):
-    group = Rotation.create_group('O') * Rotation.from_euler('z', 20, degrees=True)
-    draws = np.random.default_rng(2).integers(0, len(group), 60)
-    counted = add(no_counts(block), touching(block, group[draws[:20]]))
-    first = [p.contacts for p in counted.placements]
-    add(counted, touching(block, group[draws[20:]]))
-    assert [p.contacts for p in counted.placements][: len(first)] == first
-
-
 @pytest.mark.parametrize('most', [200, 7])
 def test_placements_and_their_classes_do_not_depend_on_the_chunks(block, most, monkeypatch):
     monkeypatch.setattr(counting, 'MAX_PLACEMENTS', most)
@@ -199,7 +190,10 @@ def test_placements_and_their_classes_do_not_depend_on_the_chunks(block, most, m
     for size in (80, 7):
         counted = no_counts(block)
         for k in range(0, 80, size):
+            before = [p.contacts for p in counted.placements]
             add(counted, touching(block, turns[k : k + size], first=k))
+            # The first drops keep the order of their placements.
+            assert [p.contacts for p in counted.placements][: len(before)] == before
         found.append(
             [(p.contacts, p.count, p.symmetry_class, *p.orientation) for p in counted.placements]
         )
@@ -222,12 +216,6 @@ def test_a_leaning_pin_is_one_placement_however_it_is_rolled(solid, solids):
     leaning = Rotation.from_euler('x', 40, degrees=True)
     counted = add(no_counts(given), touching(given, leaning * rolls))
     assert [p.count for p in counted.placements] == [7]
-
-
-def test_parts_that_are_not_at_rest_are_drops_without_placement(block):
-    given = touching(block, Rotation.create_group('O'), status=RestStatus.SLIDING)
-    counted = add(no_counts(block), given)
-    assert (counted.drops, counted.placements) == (24, [])
 
 
 def test_rows_are_sorted_by_count_with_the_shares_of_all_drops(block):

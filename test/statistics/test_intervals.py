@@ -144,11 +144,6 @@ def test_sample_size_of_goldberg():
     assert not is_precise([187, 188], 375, 0.05, 'wilson', 0.9375)
 
 
-def test_checkpoints_use_a_slightly_larger_confidence():
-    assert stopping_confidence() == pytest.approx(0.96)
-    assert stopping_confidence(0.9) == pytest.approx(0.92)
-
-
 def coverage_when_stopped(precision, confidence, shares):
     """Return the exact coverage of the interval of one aspect in stopped runs, for each share.
 

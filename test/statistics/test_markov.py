@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.markov import (
     best_plan,
-    closed_classes,
     long_run,
     long_run_bounds,
     reach,
-    with_replacement,
 )
 
 from .conftest import CONFIDENCES, assert_ordered, generator
@@ -47,11 +45,6 @@ def mean_of_powers(rows, doublings=45):
         power /= power.sum(axis=1, keepdims=True)
         mean /= mean.sum(axis=1, keepdims=True)
     return mean
-
-
-def without_replacement(rows, left):
-    """Return a chain with one more state, which stands for all places outside the aspects."""
-    return np.block([[rows, left[:, None]], [np.zeros((1, len(rows))), np.ones((1, 1))]])
 
 
 @given(st.tuples(*[st.floats(1e-9, 0.5)] * 6))
@@ -108,19 +101,6 @@ def test_long_run_by_hand(rows, drop, shares, closed, weights, transient):
     assert found.weights == pytest.approx(weights)
 
 
-@given(seeds)
-def test_closed_classes_are_entered_for_ever(seed):
-    rows, left, _ = chain(seed)
-    mean = mean_of_powers(without_replacement(rows, left))[:-1, :-1]
-    classes = closed_classes(rows)
-    inside = [i for members in classes for i in members]
-    assert sorted(inside) == np.flatnonzero(mean.diagonal() > 1e-8).tolist()
-    for members in classes:
-        assert (mean[np.ix_(members, members)] > 0).all()
-        assert mean[list(members)].sum(axis=1) == pytest.approx(np.ones(len(members)))
-    assert classes == sorted(classes)
-
-
 # Reaching wanted aspects.
 
 
@@ -159,19 +139,6 @@ def test_reach_is_the_series_over_the_number_of_actions(seed):
     assert probability[free] == pytest.approx(total, rel=1e-12)
     mean = np.divide(weighted, total, out=np.full(len(total), np.nan), where=total > 0)
     assert actions[free] == pytest.approx(mean, rel=1e-12, nan_ok=True)
-
-
-@given(seeds)
-def test_reach_is_the_limit_of_a_chain_that_stops_when_wanted(seed):
-    rows, left, _ = chain(seed)
-    wanted = np.random.default_rng(seed + 1).random(len(rows)) < 0.4
-    whole = without_replacement(rows, left)
-    stops = np.append(wanted, True)
-    whole[stops] = np.eye(len(whole))[stops]
-    expected = mean_of_powers(whole)[:-1, :-1][:, wanted].sum(axis=1)
-    probability, actions = reach(rows, wanted)
-    assert probability == pytest.approx(expected, abs=1e-8)
-    assert (np.isnan(actions) == (probability == 0)).all()
 
 
 def test_rows_of_wanted_aspects_are_not_used():
@@ -279,7 +246,6 @@ def test_bounds_of_long_run_shares_contain_them(k, data, confidence):
 # Invalid chains.
 
 
-@pytest.mark.parametrize('function', [with_replacement, long_run])
 @pytest.mark.parametrize(
     ('rows', 'left', 'drop', 'named'),
     [
@@ -289,26 +255,27 @@ def test_bounds_of_long_run_shares_contain_them(k, data, confidence):
         ([[0.5, 0.25], [0, 1]], [0, 0], [1, 0], 'row 1 of'),
     ],
 )
-def test_invalid_chain_is_refused(function, rows, left, drop, named):
+def test_invalid_chain_is_refused(rows, left, drop, named):
     arguments = [np.array(each, dtype=np.float64) for each in (rows, left, drop)]
     with pytest.raises(InvalidValueError, match=named):
-        function(*arguments)
+        long_run(*arguments)
 
 
 @pytest.mark.parametrize('row', [[math.nan, 0.5], [0.75, 0.5], [1.5, -0.5]])
-def test_reach_and_plan_refuse_an_invalid_row(row):
+def test_reach_and_plan_refuse_invalid_rows_and_times(row):
     rows, wanted = np.array([row, [0, 1]]), np.array([False, True])
     with pytest.raises(InvalidValueError, match='row 1 of'):
         reach(rows, wanted)
     with pytest.raises(InvalidValueError, match='row 1 of'):
         best_plan(np.array([np.eye(2), rows]), np.array([1.0, 1.0]), wanted)
+    for time in (0.0, math.nan):
+        with pytest.raises(InvalidValueError, match='invalid times'):
+            best_plan(np.eye(2)[None], np.array([time]), wanted)
 
 
-@pytest.mark.parametrize(('drop', 'confidence'), [([1, 1], 0.5), ([0, 0], 0.9)])
-def test_bounds_refuse_invalid_arguments(drop, confidence):
-    counts = np.ones((2, 6), dtype=np.int64)
-    with pytest.raises(InvalidValueError, match='invalid'):
-        long_run_bounds(counts, np.array(drop), confidence, generator())
+def test_bounds_refuse_an_invalid_confidence():
+    with pytest.raises(InvalidValueError, match='invalid confidence'):
+        long_run_bounds(np.ones((2, 6), dtype=np.int64), np.ones(2), 0.5, generator())
 
 
 def random_case(seed, max_actions=3, max_aspects=5):
@@ -370,17 +337,3 @@ def test_rare_transitions_do_not_blur_the_choice():
     plan = best_plan(rows, np.array([1.0, 0.9]), np.array([False, True]))
     assert plan.action.tolist() == [1, -1]
     assert plan.time[0] == pytest.approx(0.9e8, rel=1e-12)
-
-
-@pytest.mark.parametrize('wanted', [False, True])
-def test_plan_has_no_action_if_all_or_no_aspects_are_wanted(wanted):
-    rows = np.array([[[0.5, 0.5], [0.5, 0.5]]])
-    plan = best_plan(rows, np.array([1.0]), np.full(2, wanted))
-    assert plan.action.tolist() == [-1, -1]
-    assert plan.time.tolist() == [0 if wanted else np.inf] * 2
-
-
-@pytest.mark.parametrize('time', [0.0, math.inf, math.nan])
-def test_time_of_an_action_must_be_positive_and_finite(time):
-    with pytest.raises(InvalidValueError, match='invalid times'):
-        best_plan(np.eye(2)[None].repeat(2, axis=0), np.array([1.0, time]), np.ones(2, bool))

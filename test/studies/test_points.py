@@ -24,14 +24,14 @@ def part():
     return ra.load_part('tetrahedron')
 
 
-def drop_points(part, points, drops, workers, stopped=lambda: False):
+def drop_points(part, points, drops, workers):
     """Return the counts of a part at points, as run_tasks does."""
     simulation = Simulation.of(part, workers)
     tasks = [
         partial(simulation.dropped, each, drops, point_seed(1, part, each))
         for each in map(Setting, points)
     ]
-    return run_tasks(tasks, workers, stopped=stopped)
+    return run_tasks(tasks, workers)
 
 
 @pytest.fixture(scope='module')
@@ -82,15 +82,6 @@ def test_chunk_of_a_dead_worker_is_repeated(part, counted, here):
         again = drop_points(part, POINTS, 630, workers)
     assert np.array_equal(again, counted)
     assert len(workers.submitted) == 8
-
-
-def test_stopped_points_have_no_drops(part, here):
-    asked = []
-    found = drop_points(
-        part, POINTS, 630, here(lookahead=1), lambda: len(asked.append(1) or asked) > 10
-    )
-    assert any(each is None for each in found)
-    assert all(each is None or each.sum() == 630 for each in found)
 
 
 def test_every_part_that_is_dropped_and_moved_is_counted_once(box):

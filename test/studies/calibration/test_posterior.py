@@ -26,7 +26,7 @@ from resting_aspects_ros.studies.calibration.posterior import (
     shortest_interval,
 )
 
-from .conftest import HEIGHTS, box_shares, surface_counts
+from .conftest import HEIGHTS, box_shares, counted, fitted, surface_counts
 
 TRUTH = (0.4, 0.6)
 
@@ -140,12 +140,12 @@ def exact_posterior(counts, side=60):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('drops', [50, 1000])
-def test_posterior_is_the_exact_one_on_a_grid(invented, drops):
-    counts = invented.counted(TRUTH, drops, np.random.default_rng(3))
+def test_posterior_is_the_exact_one_on_a_grid(drops):
+    counts = counted(TRUTH, drops, np.random.default_rng(3))
     grid, weights = exact_posterior(counts)
     exact = weights @ grid
     deviation = np.sqrt(weights @ (grid - exact) ** 2)
-    mean, own = moments(invented.fit(counts, per_point=20 * drops))
+    mean, own = moments(fitted(counts, per_point=20 * drops))
     assert mean == pytest.approx(exact, abs=float(0.2 * deviation.max()))
     assert own == pytest.approx(deviation, rel=0.15)
 
@@ -189,19 +189,7 @@ def test_stopped_work_has_the_rounds_that_are_complete():
 
 
 @pytest.mark.slow
-def test_regions_without_discrepancy_contain_the_truth(invented, few_candidates):
-    generator, inside, n = np.random.default_rng(11), [], 24
-    for seed in range(n):
-        truth = generator.random(2)
-        counts = invented.counted(truth, 200, generator)
-        fit = invented.fit(counts, per_point=100, seed=seed, discrepancy=False)
-        inside.append(fit.log_density(truth[None])[0] >= fit.level(0.9))
-    # Within three standard deviations. The interpolation only widens the regions.
-    assert abs(sum(inside) - 0.92 * n) <= 3 * np.sqrt(n * 0.9 * 0.1)
-
-
-@pytest.mark.slow
-def test_regions_p_values_and_intervals_hold_as_often_as_stated(invented, few_candidates):
+def test_regions_p_values_and_intervals_hold_as_often_as_stated(few_candidates):
     """Counts of bodies that deviate from surfaces within the ranges as measured ones do."""
     generator, n = np.random.default_rng(5), 24
     inside, p, predicted = [], [], []
@@ -210,7 +198,7 @@ def test_regions_p_values_and_intervals_hold_as_often_as_stated(invented, few_ca
         for height in HEIGHTS:
             real = deviated(box_shares([truth], height), DISCREPANCY, generator)
             counts.append((generator.binomial(300, real[0, 0]), 300))
-        fit = invented.fit(counts, per_point=150, seed=seed)
+        fit = fitted(counts, per_point=150, seed=seed)
         inside.append(fit.log_density(truth[None])[0] >= fit.level(0.9))
         p.append(find_fit_test(fit, generator).p)
         predicted += [each.inside for each in predict(fit, generator, left_out=True)]
@@ -278,10 +266,10 @@ def test_counts_of_the_simulation_are_explained(agreeing, contradicting):
 
 
 @pytest.mark.slow
-def test_impossible_share_is_found_with_enough_drops(invented):
+def test_impossible_share_is_found_with_enough_drops():
     """At least 45 % of the drops of the low box are on its square faces on any surface."""
-    counts = [(250, 1000), *invented.counted(TRUTH, 1000, rng())[1:]]
-    found = find_fit_test(invented.fit(counts, per_point=300), rng())
+    counts = [(250, 1000), *counted(TRUTH, 1000, rng())[1:]]
+    found = find_fit_test(fitted(counts, per_point=300), rng())
     assert found.p < 0.05
     assert found.part == 0
 

@@ -9,6 +9,8 @@ from resting_aspects_ros.simulation.conditions import Surfaces, surfaces_file
 from resting_aspects_ros.studies.calibration.calibrate import summarise
 from resting_aspects_ros.studies.calibration.result import statements
 
+from .conftest import fitted
+
 
 @pytest.fixture(scope='module')
 def result(agreeing):
@@ -29,8 +31,8 @@ def result(agreeing):
         ),
     ],
 )
-def test_what_the_counts_do_not_tell_is_said(invented, counts, expected):
-    fit = invented.fit(counts, discrepancy=counts[0][1] == 10, per_point=4000)
+def test_what_the_counts_do_not_tell_is_said(counts, expected):
+    fit = fitted(counts, discrepancy=counts[0][1] == 10, per_point=4000)
     assert expected in ' '.join(statements(summarise(fit, 1)))
 
 
