@@ -84,9 +84,13 @@ def test_parts_needed_is_that_of_noncentral_chi_square(shift, level, power):
     assert less - 1e-5 < power <= found + 1e-5
 
 
-def test_few_drops_cannot_find_a_small_shift():
+def test_parts_needed_refuses_few_drops_and_wrong_values():
     with pytest.raises(TooFewDropsError, match='invalid number of simulated drops 100: expected'):
         parts_needed(SIMULATED // 100, 0.05)
+    with pytest.raises(InvalidValueError, match='invalid shift'):
+        parts_needed(SIMULATED, MAX_SHIFT + 0.01)
+    with pytest.raises(InvalidValueError, match='invalid power'):
+        parts_needed(SIMULATED, power=1)
 
 
 def test_drift_lasts_from_the_change_to_the_end():
@@ -166,10 +170,3 @@ def test_scatter_widens_the_interval():
 def test_wrong_arguments_are_named(rows, simulated, options, message):
     with pytest.raises(InvalidValueError, match=message):
         found_in(*rows, simulated=np.array(simulated), **{'window': 1, **options})
-
-
-@pytest.mark.parametrize('wrong', [{'shift': MAX_SHIFT + 0.01}, {'power': 1}])
-def test_shift_and_power_outside_their_limits_are_refused(wrong):
-    (name,) = wrong
-    with pytest.raises(InvalidValueError, match=f'invalid {name} .*: expected'):
-        parts_needed(SIMULATED, **wrong)

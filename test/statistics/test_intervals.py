@@ -49,21 +49,6 @@ def test_intervals_agree_with_scipy(counts, rest, confidence):
         )
 
 
-@pytest.mark.parametrize(
-    ('count', 'drops', 'wilson', 'exact'),
-    # Newcombe 1998, Statistics in Medicine 17:857, table I, methods 3 and 5.
-    [
-        (81, 263, (0.2553, 0.3662), (0.2527, 0.3676)),
-        (0, 20, (0.0000, 0.1611), (0.0000, 0.1684)),
-    ],
-)
-def test_published_intervals(count, drops, wilson, exact):
-    # For a single aspect, the simultaneous interval is the exact one.
-    for method, expected in (('wilson', wilson), ('simultaneous', exact)):
-        (found,) = intervals([count], drops, method)
-        assert (found.lower, found.upper) == pytest.approx(expected, abs=5e-5)
-
-
 @methods
 @given(st.lists(COUNT, min_size=1, max_size=6), st.sampled_from([0, 1, 1000, 10**15]), CONFIDENCES)
 def test_interval_contains_the_share_and_grows_with_confidence(method, counts, rest, confidence):

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,12 +16,17 @@ from resting_aspects_ros.studies.design import Setting
 
 RANGES = {'height': '10mm:30mm', 'friction': (0.1, 0.4)}
 FEW = {'budget': 3840}
-HEIGHT, LEAST = {'height': '10mm:30mm'}, {'budget': 2000}
+
+
+@pytest.fixture(scope='session')
+def optimise(here):
+    """The function, with workers in this process."""
+    return partial(ra.optimise, workers=here(lookahead=1))
 
 
 @pytest.fixture(scope='module')
-def found(here):
-    return ra.optimise('tetrahedron', RANGES, wanted=[1, 2], workers=here(lookahead=1), **FEW)
+def found(optimise):
+    return optimise('tetrahedron', RANGES, wanted=[1, 2], **FEW)
 
 
 def test_document_has_the_counts_of_all_drops(found, tmp_path):
@@ -48,28 +54,11 @@ def test_document_has_the_counts_of_all_drops(found, tmp_path):
 
 
 @pytest.mark.slow
-def test_best_has_the_best_value_of_the_compared_conditions(here):
-    # No conditions are better than others for a tetrahedron, so that the fresh drops decide.
-    found = ra.optimise('tetrahedron', HEIGHT, wanted=[1], height=0.02, workers=here(), **LEAST)
-    values = [each.estimate.value for each in found.candidates]
-    assert values == sorted(values, reverse=True)
-    assert found.start in found.candidates
-    assert not found.winner
-    assert any(note.startswith('No winner') for note in found.notes)
-
-
-@pytest.mark.slow
-def test_search_that_is_stopped_shows_what_is_known(here):
+def test_search_that_is_stopped_shows_what_is_known(optimise):
     def stopped_after(number):
         asked = iter(range(number))
-        return ra.optimise(
-            'tetrahedron',
-            HEIGHT,
-            wanted=[1],
-            workers=here(lookahead=1),
-            stopped=lambda: next(asked, None) is None,
-            **LEAST,
-        )
+        given = {'wanted': [1], 'budget': 2000, 'stopped': lambda: next(asked, None) is None}
+        return optimise('tetrahedron', {'height': '10mm:30mm'}, **given)
 
     found = stopped_after(150)
     assert not found.complete
@@ -110,14 +99,16 @@ def test_document_names_the_engine_and_has_model_ranges_of_drops_on_a_plane(
 
 
 @pytest.mark.slow
-def test_impossible_start_is_not_compared(here):
-    found = ra.optimise(
-        'tetrahedron', {'height': (0.02, 0.04)}, wanted=[1], height=0.01,
-        height_of=1, workers=here(lookahead=1), **FEW,
-    )  # fmt: skip
+def test_impossible_start_is_not_compared(optimise):
+    low = {'height': 0.01, 'height_of': 1}
+    found = optimise('tetrahedron', {'height': (0.02, 0.04)}, wanted=[1], **low, **FEW)
     assert found.start is None
     assert found.complete
     assert any('Your conditions are impossible' in note for note in found.notes)
+    # No conditions are better than others for a tetrahedron, so that the fresh drops decide.
+    values = [each.estimate.value for each in found.candidates]
+    assert values == sorted(values, reverse=True)
+    assert any(note.startswith('No winner') for note in found.notes)
 
 
 @pytest.mark.parametrize(
@@ -132,18 +123,17 @@ def test_impossible_start_is_not_compared(here):
         ({'height': '5mm:60'}, {'wanted': [1]}, 'invalid height 60 m'),
     ],
 )
-def test_invalid_input_is_named(vary, given, message, here):
+def test_invalid_input_is_named(vary, given, message, optimise):
     with pytest.raises(ra.InvalidValueError, match=message):
-        ra.optimise('tetrahedron', vary, workers=here(lookahead=1), **given)
+        optimise('tetrahedron', vary, **given)
 
 
 @pytest.mark.slow
-def test_parts_stay_on_a_slope_below_the_friction_angle(here):
+def test_parts_stay_on_a_slope_below_the_friction_angle(optimise):
     friction = 0.4
-    found = ra.optimise(
+    found = optimise(
         'box_10x20x30', {'surroundings.angle': '5deg:40deg'}, wanted_classes=[1, 2, 3],
-        surroundings='slope', friction=friction, height=0.005, workers=here(lookahead=1),
-        budget=4000,
+        surroundings='slope', friction=friction, height=0.005, **FEW,
     )  # fmt: skip
     assert found.best.values['surroundings.angle'] < math.atan(friction)
     assert found.best.estimate.value > 0.9
@@ -155,18 +145,20 @@ def test_parts_stay_on_a_slope_below_the_friction_angle(here):
     assert 5 + 35 * found.curves[0].flat[1] < math.degrees(math.atan(friction)) + 1
 
 
-def upright(part):
-    """Return a level plane above which parts are released upright, in their highest aspect."""
+@pytest.fixture(scope='module')
+def released_upright():
+    """A box that is released upright, in its highest aspect, above a level plane."""
+    part = ra.load_part('box_10x20x30')
     highest = ra.find_aspects(part).aspects[-1]
-    return Surroundings(Plane(), orientation=tuple(highest.orientation))
+    surroundings = Surroundings(Plane(), orientation=tuple(highest.orientation))
+    return {'part': part, 'surroundings': surroundings, **FEW}
 
 
 @pytest.mark.slow
-def test_gentler_taps_keep_more_parts_in_their_aspect(here):
-    part = ra.load_part('box_10x20x30')
-    found = ra.optimise(
-        part, {'action.speed': '0.05:1'}, wanted_classes=[3], surroundings=upright(part),
-        height=0.001, action='tap', workers=here(lookahead=1), budget=4000,
+def test_gentler_taps_keep_more_parts_in_their_aspect(optimise, released_upright):
+    found = optimise(
+        vary={'action.speed': '0.05:1'}, wanted_classes=[3], height=0.001, action='tap',
+        **released_upright,
     )  # fmt: skip
     assert found.best.values['action.speed'] < 0.3
     assert found.curves[0].matters
@@ -174,12 +166,9 @@ def test_gentler_taps_keep_more_parts_in_their_aspect(here):
 
 
 @pytest.mark.slow
-def test_minimise_entropy_is_where_all_parts_stay_as_released(here):
-    part = ra.load_part('box_10x20x30')
-    found = ra.optimise(
-        part, {'height': '1mm:100mm'}, minimise_entropy=True, surroundings=upright(part), spin=2.0,
-        workers=here(lookahead=1), budget=4000,
-    )  # fmt: skip
+def test_minimise_entropy_is_where_all_parts_stay_as_released(optimise, released_upright):
+    vary = {'height': '1mm:100mm'}
+    found = optimise(vary=vary, minimise_entropy=True, spin=2.0, **released_upright)
     assert found.best.values['height'] < 0.03
     assert found.best.estimate.value < found.start.estimate.value
     assert np.isfinite(found.best.estimate.upper)
