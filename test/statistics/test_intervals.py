@@ -19,7 +19,6 @@ from resting_aspects_ros.statistics.intervals import (
     MIN_PRECISION,
     bounds,
     checkpoints,
-    containing,
     intervals,
     is_precise,
     stopping_confidence,
@@ -61,17 +60,6 @@ def test_interval_contains_the_share_and_grows_with_confidence(method, counts, r
         assert (inner.lower == 0) == (count == 0)
         assert (inner.upper == 1) == (count == drops)
     assert intervals([], drops, method) == []
-
-
-@methods
-def test_bounds_of_many_runs_agree_with_single_runs(method):
-    drops = np.array([0, 1, 20, 1000])
-    counts = np.random.default_rng(1).multinomial(drops, [0.5, 0.3, 0.2])[:, :2]
-    lower, upper = bounds(counts, drops, method)
-    for i, n in enumerate(drops.tolist()):
-        one = bounds(counts[i], n, method)
-        assert (one[0].tolist(), one[1].tolist()) == (lower[i].tolist(), upper[i].tolist())
-    assert (lower[0].tolist(), upper[0].tolist()) == ([0, 0], [1, 1])  # without drops
 
 
 @pytest.mark.parametrize(
@@ -212,9 +200,3 @@ def test_precision_outside_limits_is_refused(precision):
 def test_drop_limit_below_one_is_refused():
     with pytest.raises(InvalidValueError, match='invalid drop limit 0'):
         checkpoints(0)
-
-
-def test_bounds_are_only_extended_where_they_miss_the_value():
-    lower, upper = containing(np.array([0.5, 0.1, 0.9]), [0.4, 0.2, 0.2], [0.6, 0.8, 0.8])
-    assert lower.tolist() == [0.4, 0.1, 0.2]
-    assert upper.tolist() == [0.6, 0.8, 0.9]

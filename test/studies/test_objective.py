@@ -100,11 +100,6 @@ def test_entropy_needs_several_classes():
         make_objective(ra.find_aspects(ra.load_part('tetrahedron')), minimise_entropy=True)
 
 
-def test_interval_of_skewed_draws_contains_the_mean():
-    found = estimated(np.array([0.0] * 99 + [1.0]), 0.95)
-    assert (found.lower, found.value, found.upper) == (0.0, 0.01, 0.01)
-
-
 counts = st.lists(st.sampled_from([0, 0, 1, 5, 10_000]), min_size=3, max_size=3)
 
 

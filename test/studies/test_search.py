@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.objective import Objective, compared, estimated
 from resting_aspects_ros.studies.optimise import (
     best_points,
-    check_budget,
     final_drops,
     line_through,
     search,
@@ -90,11 +88,6 @@ def test_given_point_takes_part():
     given = np.array([[0.3, 0.123]])
     points, _ = searched(problem(hill), 2, 4000, given=given, stopped=lambda: True)
     assert points[0.3, 0.123].sum() > 0
-
-
-def test_too_few_drops_are_refused():
-    with pytest.raises(InvalidValueError, match='at least 3840 drops'):
-        check_budget(3000, 2)
 
 
 def curve_of(share, best, at=None, drops=4000, seed=1):

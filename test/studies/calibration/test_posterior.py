@@ -265,15 +265,6 @@ def test_counts_of_the_simulation_are_explained(agreeing, contradicting):
     assert means[1] > 0.15
 
 
-@pytest.mark.slow
-def test_impossible_share_is_found_with_enough_drops():
-    """At least 45 % of the drops of the low box are on its square faces on any surface."""
-    counts = [(250, 1000), *counted(TRUTH, 1000, rng())[1:]]
-    found = find_fit_test(fitted(counts, per_point=300), rng())
-    assert found.p < 0.05
-    assert found.part == 0
-
-
 @pytest.mark.parametrize('shares', [[0.03, 0.97], [0.3, 0.3, 0.2, 0.15, 0.05]])
 def test_log_odds_deviate_as_those_of_measured_bodies(shares):
     given = np.tile(shares, (20_000, 1))
