@@ -293,7 +293,10 @@ def test_alarm_rate_stays_at_its_level(shares, deviation, number, size):
 
 @pytest.mark.parametrize('deviation', [0.0, 0.08])
 def test_factor_is_that_of_the_intraclass_correlation(deviation):
-    found = batch_scatter(batches(np.random.default_rng(3), FIVE, MAX_UNITS, deviation))
+    rng = np.random.default_rng(3)
+    old, newest = batches(rng, FIVE, 50, 0.2), batches(rng, FIVE, MAX_UNITS, deviation)
+    found = batch_scatter(np.concatenate([old, newest]))
+    assert found.batches == MAX_UNITS
     within = deviation**2 / np.mean(FIVE * (1 - FIVE))
     expected = 1 + (30 - 1) * within
     # The estimate has the relative standard error of the mean of chi-square statistics. The tails
