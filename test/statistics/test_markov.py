@@ -193,6 +193,14 @@ def test_bounds_of_two_aspects_are_quantiles_of_beta_distributions():
     assert [upper[1], lower[1]] == pytest.approx(1 - expected, abs=error)
 
 
+def test_transitions_that_were_never_seen_are_possible():
+    # No part moved in 1000 actions: the shares are those of a drop, but nearly unknown.
+    counts = np.hstack([1000 * np.eye(3, dtype=np.int64), np.zeros((3, 4), dtype=np.int64)])
+    lower, upper = long_run_bounds(counts, np.ones(3) / 3, 0.95, generator())
+    assert (lower < 0.01).all()
+    assert (upper > 0.9).all()
+
+
 def test_samples_that_round_to_zero_do_not_break_the_bounds():
     # Of samples of a gamma distribution of shape 1/202, 3 in 100 are below the smallest float.
     counts = np.zeros((2, 202), dtype=np.int64)
