@@ -65,16 +65,11 @@ def test_row_without_actions_is_unknown_with_bounds_zero_to_one(aspects):
 
 @given(st.integers(0, 2**32 - 1))
 def test_by_class_counts_each_action_by_the_classes_of_its_aspects(aspects, seed):
-    # Single actions are counted by aspect, and counted again by class.
-    generator = np.random.default_rng(seed)
-    n = 300
-    start, end = generator.integers(6, size=n), generator.integers(10, size=n)
-    matrix = no_actions(aspects)
-    np.add.at(matrix.counts, (start, end), 1)
+    matrix = counted(aspects, seed)
     number = [a.symmetry_class - 1 for a in aspects] + [3, 4, 5, 6]
     expected = np.zeros((3, 7), dtype=np.int64)
-    for i, j in zip(start.tolist(), end.tolist(), strict=True):
-        expected[number[i], number[j]] += 1
+    for (i, j), actions in np.ndenumerate(matrix.counts):
+        expected[number[i], number[j]] += actions
     found = matrix.by_class()
     assert found.counts.tolist() == expected.tolist()
     assert found.transitions.sum(axis=1) + found.left == pytest.approx(np.ones(3))
