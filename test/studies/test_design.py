@@ -64,6 +64,7 @@ def test_factor_is_parsed(text, factor):
         ('height=10mm:20mm:' + '9' * 400, 'expected LOW:HIGH'),
         ('height=10mm:10.00000000000001mm:3', 'expected a lower and a higher'),
         ('height=1e400:2e400', 'expected more than 0 and at most 100 m'),
+        ('height=10mm:20mm:00', 'levels 0 of height: expected 2 to 1000'),
         ('height=20kg:200mm', 'expected a number, in m or with one of m, um, mm'),
         ('restitution=0.3:1.2', 'high of restitution 1.2: expected 0 to 1'),
         ('restitution=0:1:log', 'expected more than 0 for logarithmic'),

@@ -211,7 +211,8 @@ def test_part_with_one_class_has_no_effects():
     m = len(design.points)
     case = Case(part, ra.find_aspects(part), np.full((m, 1), 9), np.zeros((m, 5), dtype=int))
     assert effects_of(case, design, 1, 0.95) is None
-    found = findings_of(case, None, design, FACTORS, 0.05, 0.95)
+    found = list(findings_of(case, None, design, FACTORS, 0.05, 0.95))
+    assert 'cannot move the shares' in found[0].text
     assert [each.verdict for each in found] == [NOT_WORTH] * 2
 
 

@@ -200,6 +200,7 @@ def test_surroundings_vary(here):
         ({'parts': [1]}, r'invalid parts \[1\]: expected the name of a part'),
         ({'design': ['curves']}, r"invalid design \['curves'\]: expected one of curves"),
         ({'action': {'kind': ['kick']}}, r"invalid kind of action \['kick'\]"),
+        ({'surroundings': {'kind': {}}}, 'invalid kind of surroundings {}'),
         ({'extra': 1}, "invalid key 'extra'"),
         ({'conditions': {'hight': 1}}, "invalid condition 'hight'"),
         ({'tolerance': 2}, 'invalid tolerance 2'),

@@ -28,7 +28,8 @@ def boxes(heights):
     """Return counts of boxes, whose numbers are replaced."""
     counts = {'z': 1, 'rest': 1}
     parts = [{'name': f'box {h}', 'box': [20, 20, h], 'counts': counts} for h in heights]
-    return make_surface_counts({'conditions': {'height': '100 mm'}, 'parts': parts}, Path())
+    document = {'source': 'Invented', 'conditions': {'height': '100 mm'}, 'parts': parts}
+    return make_surface_counts(document, Path())
 
 
 def surface_counts(counts, surface='a_table', heights=HEIGHTS):
