@@ -25,7 +25,7 @@ from resting_aspects_ros.statistics.distribution import (
     no_drops,
 )
 from resting_aspects_ros.statistics.intervals import METHODS, intervals
-from resting_aspects_ros.statistics.poses import DecidedBy, RestingPoses, RestStatus
+from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 
 @pytest.fixture(scope='module')
@@ -50,22 +50,18 @@ def poses_with(orientation, status):
     )
 
 
-@pytest.mark.parametrize('k', [0, 3, -1])
+@pytest.mark.parametrize('k', [0, 3])
 def test_unknown_aspect_id_is_rejected(k):
     with pytest.raises(InvalidValueError, match=f'invalid aspect {k}: expected 1 to 2'):
         distribution([5, 10]).combined_interval([1, k])
 
 
 @pytest.mark.parametrize('method', METHODS)
-@pytest.mark.parametrize('confidence', [0.9, 0.99])
-def test_every_interval_method_uses_all_drops_as_n(method, confidence):
+def test_every_interval_method_uses_all_drops_as_n(method):
     counted = distribution([30, 0, 50], (7, 8, 5))
-    found = dataclasses.replace(counted, interval=method, confidence=confidence).intervals()
-    assert found == intervals([30, 0, 50], 100, method, confidence)
-    counted = dataclasses.replace(counted, interval=method, confidence=confidence)
-    both = counted.combined_interval([1, 3, 1])
-    assert [both] == intervals([80], 100, method, confidence)
-    assert [each.probability for each in found] == [0.3, 0.0, 0.5]
+    counted = dataclasses.replace(counted, interval=method, confidence=0.9)
+    assert counted.intervals() == intervals([30, 0, 50], 100, method, 0.9)
+    assert [counted.combined_interval([1, 3, 1])] == intervals([80], 100, method, 0.9)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 300))
@@ -82,12 +78,9 @@ def test_each_pose_is_counted_exactly_once(aspects, seed, n):
     ids = aspects.classify(orientation)
     settled = status == RestStatus.SETTLED
     expected = [np.count_nonzero(settled & (ids == i)) for i in range(6)]
-    assert found.counts.tolist() == expected[1:]
-    assert found.unclassified == expected[0]
-    assert found.unsettled == np.count_nonzero(status == 1)
-    assert found.failed == np.count_nonzero(status == 2)
-    assert found.lost == np.count_nonzero(status == 3)
-    assert found.sliding == np.count_nonzero(status == 4)
+    assert [found.unclassified, *found.counts] == expected
+    failures = [found.unsettled, found.failed, found.lost, found.sliding]
+    assert failures == [np.count_nonzero(status == code) for code in (1, 2, 3, 4)]
     assert found.drops == n
 
 
@@ -104,32 +97,22 @@ def test_distributions_of_different_drops_can_be_added(aspects):
     total = count_poses(aspects, all_poses.between(0, 123))
     total = total + count_poses(aspects, all_poses.between(123, 500)) + no_drops(aspects)
     assert total.counts.tolist() == whole.counts.tolist()
-    assert (total.unclassified, total.unsettled, total.failed) == (
-        whole.unclassified,
-        whole.unsettled,
-        whole.failed,
-    )
-    assert total.energy_growth == whole.energy_growth == 4.99
-
-
-def test_distributions_of_different_parts_cannot_be_added(aspects):
+    for name in ('unclassified', 'unsettled', 'failed', 'energy_growth'):
+        assert getattr(total, name) == getattr(whole, name)
     other = no_drops(AspectSet('another', tuple(aspects)))
     with pytest.raises(ValueError, match=r'^distributions of different parts cannot be added$'):
-        no_drops(aspects) + other
+        total + other
 
 
 @pytest.fixture(scope='module')
 def poses(aspects):
     rng = np.random.default_rng(5)
-    shown = np.array([each.orientation for each in aspects])
-    orientation = shown[rng.integers(0, 5, 3000)]
+    orientation = np.array([each.orientation for each in aspects])[rng.integers(0, 5, 3000)]
     lost = rng.random(3000) < 0.05
     orientation[lost] = random_orientations(rng, int(lost.sum()))
-    codes = np.zeros(3000, dtype=np.uint8)
     status = (rng.random(3000) < 0.03).astype(np.uint8)
     status[7], orientation[7] = RestStatus.FAILED, np.nan
-    zero = np.zeros(3000)
-    return RestingPoses(0, np.zeros((3000, 3)), orientation, status, codes, zero, zero)
+    return poses_with(orientation, status)
 
 
 @given(cuts=st.lists(st.integers(0, 3000), max_size=12), end=st.integers(1, 3000))
@@ -147,17 +130,12 @@ def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
 
 def test_ten_samples_for_each_factor_of_ten(aspects, poses):
     history = History(aspects)
+    assert [each.shape for each in history.points()] == [(0,), (0, 5)]
     history.add(aspect_ids(aspects, poses))
     drops, counts = history.points()
     assert drops[:3].tolist() == [10, 13, 16]
     assert set(drops.tolist()) >= {FIRST_SAMPLE, 100, 1000, 3000}
     assert len(drops) == len(counts) == 26
-
-
-def test_history_without_drops_is_empty(aspects):
-    drops, counts = History(aspects).points()
-    assert drops.shape == (0,)
-    assert counts.shape == (0, 5)
 
 
 PLANES = [
@@ -180,22 +158,12 @@ def no_counts(block):
 def touching(block, turns, first=0, status=RestStatus.SETTLED):
     """Poses in which the part touches floor and wall."""
     part, _ = block
-    n = len(turns)
-    position = np.zeros((n, 3))
+    position = np.zeros((len(turns), 3))
     for plane in PLANES:
-        reach = np.array(
-            [(t.apply(np.array(part.hull_vertices)) @ plane.normal).min() for t in turns]
-        )
-        position -= reach[:, None] * plane.normal
-    return RestingPoses(
-        first_drop=first,
-        position=position,
-        orientation=turns.as_quat(canonical=True),
-        status=np.full(n, status, dtype=np.uint8),
-        decided_by=np.full(n, DecidedBy.STILLNESS, dtype=np.uint8),
-        time_to_rest=np.zeros(n),
-        energy_growth=np.zeros(n),
-    )
+        reach = [(t.apply(np.array(part.hull_vertices)) @ plane.normal).min() for t in turns]
+        position -= np.array(reach)[:, None] * plane.normal
+    given = poses_with(turns.as_quat(canonical=True), np.full(len(turns), status))
+    return dataclasses.replace(given, first_drop=first, position=position)
 
 
 def add(counted, given):
@@ -203,28 +171,12 @@ def add(counted, given):
     return counted
 
 
-def table(counted):
-    return {p.contacts: p.count for p in counted.placements}
-
-
 def test_each_of_24_poses_of_a_block_is_counted_by_its_pair_of_sides(block):
     counted = add(no_counts(block), touching(block, Rotation.create_group('O')))
-    assert sorted(table(counted).values()) == [1] * 24
+    assert [p.count for p in counted.placements] == [1] * 24
     # 24 pairs of adjacent sides, of which the 4 rotations of the block map 4 to each other.
     classes = [p.symmetry_class for p in counted.placements]
     assert sorted(np.bincount(classes)[1:].tolist()) == [4] * 6
-
-
-def test_first_drops_keep_the_order_of_their_placements(block):
-    group = Rotation.create_group('O') * Rotation.from_euler('z', 20, degrees=True)
-    draws = np.random.default_rng(2).integers(0, len(group), 60)
-    few = add(no_counts(block), touching(block, group[draws[:20]]))
-    more = add(
-        add(no_counts(block), touching(block, group[draws[:20]])),
-        touching(block, group[draws[20:]]),
-    )
-    first = [p.contacts for p in few.placements]
-    assert [p.contacts for p in more.placements][: len(first)] == first
 
 
 @pytest.mark.parametrize('most', [200, 7])
@@ -235,15 +187,18 @@ def test_placements_and_their_classes_do_not_depend_on_the_chunks(block, most, m
     both = Rotation.concatenate([group, leaning])
     turns = both[np.random.default_rng(3).integers(0, len(both), 80)]
     found = []
-    for size in (80, 25, 1):
+    for size in (80, 7):
         counted = no_counts(block)
         for k in range(0, 80, size):
+            before = [p.contacts for p in counted.placements]
             add(counted, touching(block, turns[k : k + size], first=k))
+            # The first drops keep the order of their placements.
+            assert [p.contacts for p in counted.placements][: len(before)] == before
         found.append(
             [(p.contacts, p.count, p.symmetry_class, *p.orientation) for p in counted.placements]
         )
         found[-1].append(counted.uncounted)
-    assert found[0] == found[1] == found[2]
+    assert found[0] == found[1]
 
 
 def test_leaning_parts_are_told_apart_by_their_orientation(block):
@@ -261,12 +216,6 @@ def test_a_leaning_pin_is_one_placement_however_it_is_rolled(solid, solids):
     leaning = Rotation.from_euler('x', 40, degrees=True)
     counted = add(no_counts(given), touching(given, leaning * rolls))
     assert [p.count for p in counted.placements] == [7]
-
-
-def test_parts_that_are_not_at_rest_are_drops_without_placement(block):
-    given = touching(block, Rotation.create_group('O'), status=RestStatus.SLIDING)
-    counted = add(no_counts(block), given)
-    assert (counted.drops, counted.placements) == (24, [])
 
 
 def test_rows_are_sorted_by_count_with_the_shares_of_all_drops(block):

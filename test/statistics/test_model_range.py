@@ -33,16 +33,18 @@ def drawn(rng, probabilities, m, common):
     return np.where(rng.random(m) < common, shared, own) < probabilities[:, None]
 
 
-@pytest.mark.parametrize('common', [0.0, 0.5, 1.0])
+@pytest.mark.parametrize('common', [0.0, 1.0])
 def test_variance_between_draws_is_unbiased_also_with_common_numbers(common):
     rng, runs, spread = np.random.default_rng(1), 400, 0.08
     found = [
         between_variance(drawn(rng, 0.4 + spread * rng.standard_normal(16), 500, common))
         for _ in range(runs)
     ]
-    error = np.std(found) / np.sqrt(runs)
     # Negative estimates, which are 0, do not occur with this spread.
-    assert abs(np.mean(found) - spread**2) < 4 * error
+    assert abs(np.mean(found) - spread**2) < 4 * np.std(found) / np.sqrt(runs)
+    # Of one draw or drop, nothing is known.
+    assert between_variance(np.ones((1, 50), dtype=bool)) == 0
+    assert between_variance(np.ones((5, 1), dtype=bool)) == 0
 
 
 @pytest.mark.parametrize(('common', 'worth'), [(0.0, 16), (1.0, 1)])
@@ -52,11 +54,6 @@ def test_draws_are_worth_all_drops_only_with_numbers_of_their_own(common, worth)
     found = independent_drops(drawn(np.random.default_rng(5), np.full(16, 0.3), m, common))
     assert worth * m * (1 - 4 * np.sqrt(2 / m)) <= found <= 16 * m
     assert found <= worth * m * (1 + 4 * np.sqrt(2 / m))
-
-
-def test_variance_between_draws_of_one_drop_or_draw_is_zero():
-    assert between_variance(np.ones((1, 50), dtype=bool)) == 0
-    assert between_variance(np.ones((5, 1), dtype=bool)) == 0
 
 
 def test_without_discrepancy_and_surface_the_range_is_the_sampling_interval():
@@ -81,7 +78,7 @@ def test_discrepancy_is_that_at_one_half_and_larger_for_rare_outcomes():
     assert discrepancy(0.98, 0.25) == pytest.approx(discrepancy(0.02, 0.25))
 
 
-@pytest.mark.parametrize('middle', [-3.5, -1.0, 0.3])
+@pytest.mark.parametrize('middle', [-3.5, 0.3])
 def test_range_covers_one_more_surface_with_its_discrepancy(middle):
     """The truth is one more draw of the conditions, and deviates from the model."""
     rng, runs, inside, effect, m = np.random.default_rng(3), 600, 0, 0.5, 500
@@ -100,6 +97,7 @@ def test_ranges_contain_the_intervals_and_add_the_aspects_of_a_class(aspects):
     counts = np.array([300, 310, 150, 160, 50, 30])
     given = dataclasses.replace(no_drops(aspects), counts=counts)
     found = with_model_range(given)
+    assert (found + found).model is None
     for each, model in zip(given.intervals(), found.model_intervals(), strict=True):
         assert model.lower < each.lower <= each.probability == model.probability
         assert each.upper < model.upper
@@ -125,11 +123,6 @@ def test_range_is_about_the_draws_or_about_the_distribution(aspects):
     # Never seen: what was not observed can be impossible, and the draws have it.
     assert alone.model.by_aspect[2, 0] == 0
     assert about.model.by_class[1, 1] > 0.2
-
-
-def test_sum_of_distributions_has_no_range(aspects):
-    given = with_model_range(dataclasses.replace(no_drops(aspects), counts=np.arange(6)))
-    assert (given + given).model is None
 
 
 def test_range_of_several_aspects_together(aspects):

@@ -24,20 +24,21 @@ MAT = given_conditions('rubber_mat', {})
 PLAIN = Setting(MAT)
 
 
-def parse_factor(text, setting):
-    ((name, given),) = parse_ranges([text]).items()
-    return read_factor(name, given, setting)
-
-
+ONE, TWO = Factor('friction', 0.1, 0.5, 3), Factor('restitution', 0.2, 0.8)
+THREE = Factor('height', 0.02, 0.2)
 SLOPE = Setting(MAT, named_surroundings('slope', {'angle': 0.0}))
 KICK = Setting(MAT, action=NamedAction('tap', Kick(speed=0.3)))
+
+
+def parse_factor(text):
+    ((name, given),) = parse_ranges([text]).items()
+    return read_factor(name, given, PLAIN)
 
 
 @pytest.mark.parametrize(
     ('text', 'factor'),
     [
         ('height=20mm:200mm:7', Factor('height', 0.02, 0.2, 7, unit='m', label='height')),
-        ('restitution=0.3:.8', Factor('restitution', 0.3, 0.8, label='restitution')),
         (
             'height = 2cm : 0.2 : log',
             Factor('height', 0.02, 0.2, 0, True, unit='m', label='height'),
@@ -49,7 +50,7 @@ KICK = Setting(MAT, action=NamedAction('tap', Kick(speed=0.3)))
     ],
 )
 def test_factor_is_parsed(text, factor):
-    found = parse_factor(text, PLAIN)
+    found = parse_factor(text)
     assert found == factor
     assert read_factor(factor.name, factor.document, PLAIN) == factor
 
@@ -58,15 +59,13 @@ def test_factor_is_parsed(text, factor):
     ('text', 'message'),
     [
         ('height', 'expected NAME=LOW:HIGH'),
-        ('height=20mm', 'expected LOW:HIGH'),
         ('height=20mm:200mm:1', 'levels 1 of height: expected 2 to 1000'),
-        ('height=10mm:20mm:00', 'levels 0 of height: expected 2 to 1000'),
         ('height=10mm:20mm:2.5', 'expected LOW:HIGH'),
         ('height=10mm:20mm:' + '9' * 400, 'expected LOW:HIGH'),
         ('height=10mm:10.00000000000001mm:3', 'expected a lower and a higher'),
         ('height=1e400:2e400', 'expected more than 0 and at most 100 m'),
+        ('height=10mm:20mm:00', 'levels 0 of height: expected 2 to 1000'),
         ('height=20kg:200mm', 'expected a number, in m or with one of m, um, mm'),
-        ('height=200mm:20mm', 'range 0.2 to 0.02 of height: expected a lower and a higher'),
         ('restitution=0.3:1.2', 'high of restitution 1.2: expected 0 to 1'),
         ('restitution=0:1:log', 'expected more than 0 for logarithmic'),
         ('hight=1:2', "expected one of height, .*; did you mean 'height'"),
@@ -76,13 +75,12 @@ def test_factor_is_parsed(text, factor):
 )
 def test_invalid_factor_is_refused(text, message):
     with pytest.raises(InvalidValueError, match=message):
-        parse_factor(text, PLAIN)
+        parse_factor(text)
 
 
-def test_the_same_factor_twice_is_refused():
-    factor = parse_factor('restitution=0:1', PLAIN)
+def test_a_factor_is_needed_once():
     with pytest.raises(InvalidValueError, match='restitution only once'):
-        check_factors([factor, factor], PLAIN, [])
+        check_factors([TWO, TWO], PLAIN, [])
     with pytest.raises(InvalidValueError, match='restitution only once'):
         parse_ranges(['restitution=0:1', 'restitution = 0.2:1'])
     with pytest.raises(InvalidValueError, match='missing factor'):
@@ -117,16 +115,11 @@ def test_every_quantity_of_a_setting_can_vary():
     for setting in (PLAIN, SLOPE, KICK):
         for name, quantity in setting.quantities().items():
             high = min(quantity.high, quantity.low + 1.0)
-            factor = read_factor(
-                name, {'low': quantity.low + 0.1 * (high - quantity.low), 'high': high}, setting
-            )
-            middle = point_values([factor], np.array([[0.5]]))[0]
+            low = 0.9 * quantity.low + 0.1 * high
+            factor = read_factor(name, {'low': low, 'high': high}, setting)
+            (middle,) = point_values([factor], np.array([[0.5]]))
             if not name.startswith('surroundings.release'):
                 assert setting.changed(middle) != setting, name
-
-
-ONE, TWO = Factor('friction', 0.1, 0.5, 3), Factor('restitution', 0.2, 0.8)
-THREE = Factor('height', 0.02, 0.2)
 
 
 def test_factorial_design_has_all_combinations():
@@ -147,6 +140,8 @@ def test_lines_vary_one_factor_from_each_base_point():
         assert (points[..., k] == lines.levels).all()
         assert (np.ptp(points[..., 1 - k], axis=1) == 0).all()
         assert not lines.fixed
+    (only,) = make_design('curves', [TWO], 16, 1).lines
+    assert (only.points.shape, only.fixed) == ((1, 7), True)
 
 
 def test_base_points_are_balanced_and_the_first_ones_stay():
@@ -166,12 +161,6 @@ def test_levels_are_kept_and_no_point_is_simulated_twice():
     assert (len(one.points), len(two.points)) == (2, 3)
     assert one.fixed
     assert two.fixed
-
-
-def test_one_factor_has_one_line():
-    (lines,) = make_design('curves', [TWO], 16, 1).lines
-    assert lines.points.shape == (1, 7)
-    assert lines.fixed
 
 
 @pytest.mark.parametrize('count', [3, 7])

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.objective import Objective, compared, estimated
 from resting_aspects_ros.studies.optimise import (
     best_points,
-    check_budget,
     final_drops,
     line_through,
     search,
@@ -52,7 +50,7 @@ def searched(drop, factors, total=200_000, seed=1, levels=0, **given):
     return points, best_points(points, SHARE, total, seed)
 
 
-@pytest.mark.parametrize('factors', [1, 2, 4])
+@pytest.mark.parametrize('factors', [1, 4])
 @pytest.mark.parametrize(('share', 'most', 'loss'), [(peak, 0.7, 0.02), (slope, 0.6, 0.03)])
 def test_best_point_is_that_of_the_known_function(share, most, loss, factors):
     found = [searched(problem(share, k), factors, seed=k)[1][0] for k in range(4)]
@@ -61,16 +59,13 @@ def test_best_point_is_that_of_the_known_function(share, most, loss, factors):
     assert np.mean(lost) < loss / 2
 
 
-def test_search_uses_half_of_the_budget():
-    points, _ = searched(problem(peak), 2)
-    assert 90_000 < sum(counts.sum() for counts in points.values()) <= 100_000
-
-
 def test_second_point_differs_by_a_fifth_of_a_range():
-    _, (best, second) = searched(problem(hill), 2)
+    points, (best, second) = searched(problem(hill), 2)
     assert np.abs(second - best).max() >= 0.2
     # The second factor has no effect, so that another value of it is as good.
     assert hill(second[None])[0] > 0.66
+    # The search uses half of the budget.
+    assert 90_000 < sum(counts.sum() for counts in points.values()) <= 100_000
 
 
 def test_impossible_points_are_avoided():
@@ -84,18 +79,15 @@ def test_levels_are_kept():
     points, best = searched(problem(hill), 1, levels=5)
     assert sorted(points) == [(0,), (0.25,), (0.5,), (0.75,), (1,)]
     assert [float(p[0]) for p in best] == [0.25, 0.5]
+    # A bound without levels is a point as well.
+    points, _ = searched(problem(slope), 1)
+    assert points[1.0,].sum() >= final_drops(200_000)
 
 
 def test_given_point_takes_part():
     given = np.array([[0.3, 0.123]])
     points, _ = searched(problem(hill), 2, 4000, given=given, stopped=lambda: True)
     assert points[0.3, 0.123].sum() > 0
-
-
-@pytest.mark.parametrize(('total', 'factors', 'needed'), [(1900, 1, 1920), (3000, 2, 3840)])
-def test_too_few_drops_are_refused(total, factors, needed):
-    with pytest.raises(InvalidValueError, match=f'at least {needed} drops'):
-        check_budget(total, factors)
 
 
 def curve_of(share, best, at=None, drops=4000, seed=1):
@@ -116,23 +108,23 @@ def test_only_one_factor_varies_along_a_curve_through_conditions_beside_the_leve
 
 
 def test_flat_range_is_that_of_the_known_function():
-    ranges = [curve_of(hill, 0.3, np.linspace(0, 1, 41), 10**6, seed).flat for seed in range(5)]
+    ranges = [curve_of(hill, 0.3, np.linspace(0, 1, 41), 10**6, seed).flat for seed in range(3)]
     u = np.linspace(0, 1, 1001)
     good = u[hill(u[:, None]) >= hill(np.array([[0.3]]))[0] - 0.01]
     # The values are 0.025 apart, and a share of 1e6 drops is known to 0.05 points.
-    np.testing.assert_allclose(ranges, [[good.min(), good.max()]] * 5, atol=0.025)
+    np.testing.assert_allclose(ranges, [[good.min(), good.max()]] * 3, atol=0.025)
 
 
 @pytest.mark.slow
 def test_factor_without_effect_is_called_one_with_effect_as_rarely_as_stated():
-    found = [curve_of(lambda u: np.full(len(u), 0.4), 0.3, seed=s) for s in range(60)]
-    assert sum(curve.matters for curve in found) <= binom.ppf(0.999, 60, 0.05)
+    found = [curve_of(lambda u: np.full(len(u), 0.4), 0.3, seed=s) for s in range(40)]
+    assert sum(curve.matters for curve in found) <= binom.ppf(0.999, 40, 0.05)
     assert all(curve.flat == (0, 1) for curve in found if not curve.matters)
 
 
 @pytest.mark.parametrize(
     ('share', 'best', 'bound'),
-    [(slope, 1.0, 1), (slope, 0.6, 1), (lambda u: slope(1 - u), 0.0, -1), (hill, 0.3, 0)],
+    [(slope, 0.6, 1), (lambda u: slope(1 - u), 0.0, -1), (hill, 0.3, 0)],
 )
 def test_bound_is_reported_if_it_is_best(share, best, bound):
     assert curve_of(share, best, drops=20_000).bound == bound
@@ -161,7 +153,7 @@ def test_equally_good_conditions_have_a_winner_as_rarely_as_stated():
 @pytest.mark.slow
 def test_stated_certainty_and_intervals_hold_over_repetitions():
     """Fresh drops are not biased (winner's curse), and intervals contain the truth."""
-    runs, start = 40, np.array([0.5, 0.5])
+    runs, start = 25, np.array([0.5, 0.5])
     covered, claims, optimism, lucky = 0, [], [], []
     for seed in range(runs):
         known, best = searched(problem(hill, seed), 2, 24_000, seed)
@@ -183,11 +175,6 @@ def test_stated_certainty_and_intervals_hold_over_repetitions():
     assert sum(sure) >= binom.ppf(0.001, len(sure), 0.95)
     assert abs(np.mean(optimism)) < 4 * np.sqrt(0.25 / drops / runs)
     assert np.mean(lucky) > np.mean(optimism)
-
-
-def test_bound_is_a_point_of_the_search():
-    points, _ = searched(problem(slope), 1)
-    assert points[1.0,].sum() >= final_drops(200_000)
 
 
 def test_certainty_of_the_best_is_that_of_their_posteriors():

@@ -26,14 +26,9 @@ def box_shares(points, height):
 @cache
 def boxes(heights):
     """Return counts of boxes, whose numbers are replaced."""
-    parts = [
-        {'name': f'box {h}', 'box': [20, 20, h], 'counts': {'z': 1, 'rest': 1}} for h in heights
-    ]
-    document = {
-        'source': 'Invented for a test',
-        'conditions': {'height': '100 mm'},
-        'parts': parts,
-    }
+    counts = {'z': 1, 'rest': 1}
+    parts = [{'name': f'box {h}', 'box': [20, 20, h], 'counts': counts} for h in heights]
+    document = {'source': 'Invented', 'conditions': {'height': '100 mm'}, 'parts': parts}
     return make_surface_counts(document, Path())
 
 
@@ -47,39 +42,30 @@ def surface_counts(counts, surface='a_table', heights=HEIGHTS):
     return dataclasses.replace(given, surface=surface, parts=parts)
 
 
-class Invented:
-    """The invented simulation of boxes."""
+def fitted(counts, *, surface='a_table', per_point=1000, points=64, seed=1, **options):
+    """Return the fit of counts (k, n) of each box to the invented simulation."""
+    rng = np.random.default_rng(seed)
 
-    def __init__(self, heights=HEIGHTS):
-        self.heights = heights
+    def simulate(where):
+        return [rng.multinomial(per_point, box_shares(where, h)) for h in HEIGHTS]
 
-    def fit(self, counts, *, surface='a_table', per_point=1000, points=64, seed=1, **options):
-        """Return the fit of counts (k, n) of each box."""
-        rng = np.random.default_rng(seed)
+    return fit_surface(
+        surface_counts(counts, surface), simulate, points=points, seed=seed, **options
+    )
 
-        def simulate(where):
-            return [rng.multinomial(per_point, box_shares(where, h)) for h in self.heights]
 
-        given = surface_counts(counts, surface, self.heights)
-        return fit_surface(given, simulate, points=points, seed=seed, **options)
-
-    def counted(self, point, drops, rng):
-        """Return counts at a point of the unit cube."""
-        return [(rng.binomial(drops, box_shares([point], h)[0, 0]), drops) for h in self.heights]
+def counted(point, drops, rng):
+    """Return counts of the boxes at a point of the unit cube."""
+    return [(rng.binomial(drops, box_shares([point], h)[0, 0]), drops) for h in HEIGHTS]
 
 
 @pytest.fixture(scope='session')
-def invented():
-    return Invented()
-
-
-@pytest.fixture(scope='session')
-def agreeing(invented):
+def agreeing():
     """A fit to counts that the simulation explains."""
-    return invented.fit(invented.counted((0.4, 0.6), 300, np.random.default_rng(3)))
+    return fitted(counted((0.4, 0.6), 300, np.random.default_rng(3)))
 
 
 @pytest.fixture(scope='session')
-def contradicting(invented):
+def contradicting():
     """A fit to counts that no conditions explain: the flat box is upright, the tall one flat."""
-    return invented.fit([(30, 300), (150, 300), (270, 300)], surface='no_table')
+    return fitted([(30, 300), (150, 300), (270, 300)], surface='no_table')

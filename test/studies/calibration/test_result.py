@@ -9,30 +9,30 @@ from resting_aspects_ros.simulation.conditions import Surfaces, surfaces_file
 from resting_aspects_ros.studies.calibration.calibrate import summarise
 from resting_aspects_ros.studies.calibration.result import statements
 
+from .conftest import fitted
+
 
 @pytest.fixture(scope='module')
 def result(agreeing):
     return summarise(agreeing, 1)
 
 
-# Counts of three boxes, and what the result says of them. The second are at the corner of the
-# ranges, with more of the square faces than there; of the third, the shares of the only box are a
-# function of one combination of the conditions.
-FEW = [(9, 10), (5, 10), (3, 10)]
-CORNER = [(4975, 5000), (4850, 5000), (4000, 5000)]
-ONE = [(338, 400), (0, 1), (0, 1)]
-
-
 @pytest.mark.parametrize(
     ('counts', 'expected'),
     [
-        (FEW, 'These counts do not determine the restitution: '),
-        (CORNER, 'The interval of the restitution ends where its range does'),
-        (ONE, 'More restitution with less friction fits as well'),
+        ([(9, 10), (5, 10), (3, 10)], 'These counts do not determine the restitution: '),
+        (  # At the corner of the ranges, with more of the square faces than there.
+            [(4975, 5000), (4850, 5000), (4000, 5000)],
+            'The interval of the restitution ends where its range does',
+        ),
+        (  # The shares of the only box are a function of one combination of the conditions.
+            [(338, 400), (0, 1), (0, 1)],
+            'More restitution with less friction fits as well',
+        ),
     ],
 )
-def test_what_the_counts_do_not_tell_is_said(invented, counts, expected):
-    fit = invented.fit(counts, discrepancy=counts is FEW, per_point=4000)
+def test_what_the_counts_do_not_tell_is_said(counts, expected):
+    fit = fitted(counts, discrepancy=counts[0][1] == 10, per_point=4000)
     assert expected in ' '.join(statements(summarise(fit, 1)))
 
 
@@ -45,14 +45,12 @@ def test_counts_that_no_conditions_explain_are_said(result, contradicting):
 
 def test_entry_is_a_surface_with_its_samples(result, tmp_path):
     path = tmp_path / 'surfaces.yaml'
-    shipped = surfaces_file().read_text(encoding='utf-8')
-    path.write_text(f'{shipped}\n{result.surface_entry()}', encoding='utf-8')
-    found = Surfaces.read(path)
-    assert found.get('a_table') == result.conditions
-    assert found.get('a_table').restitution == pytest.approx(result.estimates[0].best, rel=0.01)
-    drawn = np.array([each['restitution'] for each in found.get('a_table').uncertainty])
+    path.write_text(f'{surfaces_file().read_text()}\n{result.surface_entry()}')
+    found, estimate = Surfaces.read(path).get('a_table'), result.estimates[0]
+    assert found == result.conditions
+    assert found.restitution == pytest.approx(estimate.best, rel=0.01)
+    drawn = np.array([each['restitution'] for each in found.uncertainty])
     assert len(drawn) == 64
-    estimate = result.estimates[0]
     assert drawn.mean() == pytest.approx(estimate.mean, abs=4 * estimate.deviation / np.sqrt(64))
 
 
