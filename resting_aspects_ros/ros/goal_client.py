@@ -6,6 +6,7 @@ A client also detects that the simulator stopped or was restarted.
 import time
 from collections.abc import Awaitable, Callable
 from copy import copy
+from functools import partial
 from typing import Any
 from uuid import uuid4
 
@@ -93,11 +94,7 @@ async def goal_result(
 
     handle = await _accepted(client, goal, on_feedback, arrived)
     answer = Future(executor=node.executor)
-
-    def take(response: Future) -> None:
-        if not answer.done():
-            answer.set_result(response.result())
-
+    take = partial(_take_first, answer)
     handle.get_result_async().add_done_callback(take)
     while not await arrived(answer):
         if not wanted():
@@ -112,6 +109,11 @@ async def goal_result(
             f'the simulator was restarted while it simulated {goal.part}: try again'
         )
     return answer.result().result
+
+
+def _take_first(answer: Future, response: Future) -> None:
+    if not answer.done():
+        answer.set_result(response.result())
 
 
 async def _accepted(
