@@ -154,7 +154,7 @@ def cell(suite, spinning):
 def test_async_callback_awaits_several_responses(cell, wait):
     """It runs in the default callback group of the node, which is blocked meanwhile."""
     client = RestingAspectsClient(cell)
-    begun, results = [], []
+    started, results = [], []
 
     async def work():
         timer.cancel()
@@ -164,14 +164,14 @@ def test_async_callback_awaits_several_responses(cell, wait):
             lambda: client.get_distribution_async('gizmo'),
             lambda: client.get_distribution_async('tetrahedron', drops=2_000_000, seed=79),
         ):
-            begun.append(ask)
+            started.append(ask)
             try:
                 results.append(await ask())
             except RestingAspectsError as error:
                 results.append(error)
 
     timer = cell.create_timer(0.01, work)
-    wait(lambda: len(begun) == 4, 'answers')
+    wait(lambda: len(started) == 4, 'answers')
     client.close()
     found, parts, refused, closed = wait(lambda: len(results) == 4 and results, 'error')
     assert (found.drops, len(parts)) == (600, 4)

@@ -6,12 +6,13 @@ import re
 
 import numpy as np
 import pytest
-from resting_aspects_interfaces.msg import Status
+from resting_aspects_interfaces.msg import AspectDistribution, Status
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.ros.conversions import conditions_msg
+from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.statistics.distribution import count_poses
 
 
@@ -169,6 +170,19 @@ def test_concurrent_requests_make_the_larger_number_once(suite, received, counte
     ranges = made(received, 2)
     assert ranges[0][0] == 0
     assert all(one[1] == other[0] for one, other in itertools.pairwise(ranges))
+
+
+def test_latched_distribution_is_not_replaced_by_a_smaller_one(suite, received):
+    topic = 'aspect_distributions/box_10x20x30'
+    suite.client.ask('box_10x20x30', 300, seed=[1])
+    suite.client.ask('box_10x20x30', 100, seed=[3])
+    late = suite.client.listen(AspectDistribution, topic, LATCHED)
+    suite.client.wait(lambda: late, 'latched distribution')
+    assert (late[0].drops, late[0].run.seed) == (300, 1)
+    suite.client.ask('box_10x20x30', 301, seed=[3])
+    suite.client.wait(lambda: late[-1].drops == 301, 'larger distribution')
+    suite.client.ask('box_10x20x30', 50, surface='steel')
+    suite.client.wait(lambda: late[-1].drops == 50, 'distribution of other conditions')
 
 
 # Last: it restarts nodes.
