@@ -119,16 +119,6 @@ BODIES = {
             'flat side 36.1 x 40 mm',
         ],
     ),
-    # Upside down a U stands on both of its arms.
-    'U bracket': (
-        prism((0, 0), (30, 0), (30, 20), (25, 20), (25, 5), (5, 5), (5, 20), (0, 20), depth=25),
-        [
-            'flat side 20 x 25 mm',
-            'flat side 20 x 30 mm',
-            'flat side 25 x 30 mm',
-            'two flat sides',
-        ],
-    ),
     'half a rod': (
         prism(*[(10 * np.cos(a), 10 * np.sin(a)) for a in np.linspace(0, np.pi, 33)], depth=30),
         ['curved side, radius 10 mm (rocks)', 'flat side 10 x 20 mm', 'flat side 20 x 30 mm'],
@@ -141,6 +131,14 @@ BODIES = {
 def test_what_a_turned_body_rests_on(solid, name):
     mesh, expected = BODIES[name]
     assert descriptions(solid(mesh.copy().apply_transform(TURNED))) == expected
+
+
+def test_descriptions_of_example_parts(part):
+    assert descriptions(part('hex_nut')) == ['flat side 17 x 19.6 mm', 'flat side 8.4 x 9.81 mm']
+    # Upside down a U stands on both of its arms.
+    sides = ['20 x 25', '20 x 30', '25 x 30']
+    expected = [*(f'flat side {each} mm' for each in sides), 'two flat sides']
+    assert descriptions(part('u_bracket')) == expected
 
 
 def test_description_contains_the_size(solid):
