@@ -5,11 +5,11 @@ keys of YAML files, documents and texts follow.
 """
 
 import dataclasses
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -160,6 +160,12 @@ class HoldDown(Trap):
         return Outcome('pass' if margin > 0 else 'jam', arrival.row.height, margin, 'height')
 
 
+# Critical values of the dimensions of cuts in a surface; they go with their rows.
+_known: WeakKeyDictionary[Orientation, dict[tuple['Cut', str, Surface], float]] = (
+    WeakKeyDictionary()
+)
+
+
 @dataclass(frozen=True)
 class Cut(Trap):
     """A piece that is cut out of the track; parts fall through it or over its edge."""
@@ -207,15 +213,16 @@ class Cut(Trap):
         """Return the value of a dimension at which the outcome changes; see `critical_value`."""
         # It does not depend on the present value of the dimension, such as that of an alternative.
         alike = dataclasses.replace(self, **{name: self.ranges[name][1]})
-        return _critical(alike, name, arrival.row, arrival.surface)
+        known = _known.setdefault(arrival.row, {})
+        key = alike, name, arrival.surface
+        if key not in known:
 
+            def passes(value: float) -> bool:
+                trap = dataclasses.replace(alike, **{name: value})
+                return trap.passes(arrival.row, arrival.surface)
 
-@functools.lru_cache(maxsize=1024)
-def _critical(trap: Cut, name: str, row: Orientation, surface: Surface) -> float:
-    def passes(value: float) -> bool:
-        return dataclasses.replace(trap, **{name: value}).passes(row, surface)
-
-    return critical_value(passes, *trap.ranges[name])
+            known[key] = critical_value(passes, *self.ranges[name])
+        return known[key]
 
 
 @dataclass(frozen=True)
