@@ -185,7 +185,8 @@ def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, mon
             socket = await session.ws_connect(url, origin=f'http://127.0.0.1:{studio.port}')
             await socket.send_str('{"room": ""}')
             await started.wait()
-        await asyncio.sleep(0.1)
+        for _ in range(20):  # turns in which the server reads the end of the connection
+            await asyncio.sleep(0)
         closed.set()
         while not any(seat.left for seat in studio.seats.values()):  # when the tab has left
             await asyncio.sleep(0.01)
