@@ -191,7 +191,7 @@ class Cut(Trap):
         found = [(name, self.critical(arrival, name)) for name in self.ranges]
         limited, critical = min(found, key=lambda each: abs(getattr(self, each[0]) - each[1]))
         margin = self.unit * abs(getattr(self, limited) - critical)
-        if self.passes(arrival.row, arrival.surface):
+        if self.passes(arrival):
             return Outcome('pass', critical, margin, limited)
         if is_line(arrival.row):
             result: Result = 'unknown'
@@ -199,15 +199,15 @@ class Cut(Trap):
             result = 'jam' if self.span() is not None and margin < DIP else 'reject'
         return Outcome(result, critical, -margin, limited)
 
-    def passes(self, row: Orientation, surface: Surface) -> bool:
+    def passes(self, arrival: Arrival) -> bool:
         """Return whether the rest of the track supports the part all the way."""
         hole = self.removed()
         if self.span() is None:
-            return supports(row, surface, hole)
-        places = passage(row, hole)
+            return supports(arrival.row, arrival.surface, hole)
+        places = passage(arrival.row, hole)
         # A few places tell sooner that a part falls through a large hole.
         few = places[:: max(1, len(places) // FEW)]
-        return all(supports(row, surface, hole, each) for each in (few, places))
+        return all(supports(arrival.row, arrival.surface, hole, each) for each in (few, places))
 
     def critical(self, arrival: Arrival, name: str) -> float:
         """Return the value of a dimension at which the outcome changes; see `critical_value`."""
@@ -218,8 +218,7 @@ class Cut(Trap):
         if key not in known:
 
             def passes(value: float) -> bool:
-                trap = dataclasses.replace(alike, **{name: value})
-                return trap.passes(arrival.row, arrival.surface)
+                return dataclasses.replace(alike, **{name: value}).passes(arrival)
 
             known[key] = critical_value(passes, *self.ranges[name])
         return known[key]
