@@ -36,18 +36,14 @@ from resting_aspects_ros.studies.design import (
     read_factor,
     sobol,
 )
-from resting_aspects_ros.studies.objective import (
+from resting_aspects_ros.studies.optimum import (
     DRAWS,
+    Candidate,
     Objective,
+    OptimiseResult,
     compared,
     estimated,
     make_objective,
-)
-from resting_aspects_ros.studies.optimum import (
-    Candidate,
-    FactorCurve,
-    OptimiseResult,
-    factor_curve,
 )
 from resting_aspects_ros.studies.points import (
     Monitor,
@@ -65,8 +61,6 @@ POINTS, ROUNDS, MIN_DROPS, FINALISTS = 16, 6, 10, 8
 MIN_SPREAD = 0.01
 # The end of a range is a finalist if the last points are as close to it.
 NEAR_END = 0.15
-# Values of a factor in its curve through the best conditions.
-LEVELS = 9
 # Conditions are nearly the same if all factors differ by less than this share of their ranges.
 NEARLY_SAME = 0.2
 # Draws of a posterior, for a rank.
@@ -194,10 +188,9 @@ def optimise(
 ) -> OptimiseResult:
     """Find the conditions with the most of the wanted aspects, or with the least entropy.
 
-    Half of the drops search. Fresh drops at the best conditions, at the second best and at the
-    given conditions then show how certain the answer is, and drops along each factor through the
-    best conditions how flat the optimum is. The same arguments give the same result for any number
-    of workers.
+    Half of the drops search. The others are fresh drops at the best conditions, at the second best
+    and at the given conditions, which show how certain the answer is. The same arguments give the
+    same result for any number of workers.
 
     Parameters
     ----------
@@ -217,7 +210,7 @@ def optimise(
     action : str, Action or NamedAction, optional
         What is done once to each part that was dropped, before it is counted.
     budget : int
-        Number of all drops: half of them search, and a quarter are fresh drops.
+        Number of all drops: half of them search, and half are fresh drops.
     seed, workers, progress
         As for `drop`.
     confidence : float
@@ -321,7 +314,7 @@ class _Search:
         return self.objective.columns(simulate(made, drops, seed, monitor))
 
     def found(self) -> OptimiseResult:
-        """Search, compare, follow the factors; return what is known at the end, or if stopped."""
+        """Search and compare; return what is known at the end, or if stopped."""
         objective, factors, seed = self.objective, self.factors, self.seed
         start = _within(self.base, factors)
         known = search(
@@ -336,14 +329,12 @@ class _Search:
             )
         found, complete = self._compared(known, start)
         candidates = tuple(candidate for candidate, _ in found)
-        curves = self._curves(candidates[0]) if complete else []
         gains, certainty = compared([scores for _, scores in found], self.confidence)
         return OptimiseResult(
             part=self.simulation.part,
             aspects=self.simulation.aspects,
             objective=objective,
             factors=factors,
-            curves=tuple(curves),
             candidates=candidates,
             start=next((each for each in candidates if each.setting is self.base), None),
             gains=tuple(gains) if complete else (),
@@ -352,7 +343,7 @@ class _Search:
             skipped=tuple(self.skipped),
             budget=self.budget,
             drops=self.made,
-            complete=len(curves) == len(factors),
+            complete=complete,
             confidence=self.confidence,
             seed=seed,
         )
@@ -371,7 +362,7 @@ class _Search:
             *(partial(self.base.changed, self.values(point)) for point in points),
             lambda: self.base,
         ]
-        fresh = self.counts_at(settings, self.budget // 12, 'fresh')
+        fresh = self.counts_at(settings, self.budget // 2 // len(settings), 'fresh')
         complete = not any(each is None for each in fresh)
         found: list[tuple[Candidate, Array]] = []
         for point, setting, counts in zip([*points, start], settings, fresh, strict=True):
@@ -386,25 +377,6 @@ class _Search:
         found.sort(key=lambda each: (each[0].point is None, -each[1].mean()))
         return found, complete
 
-    def _curves(self, best: Candidate) -> list[FactorCurve]:
-        """Make drops along each factor through the best conditions, and return what they show."""
-        point, found = best.point, []
-        assert point is not None
-        for k in range(len(self.factors)):
-            line = line_through(point, k, self.factors)
-            drops = self.budget // 4 // (LEVELS * len(self.factors))
-            counts = self.counts(line, drops, 'curve')
-            if self.stopped():
-                return []
-            made = counts.sum(axis=1) > 0
-            at = np.append(line[made, k], point[k])
-            table = np.vstack([counts[made], best.counts[None]])
-            curve = factor_curve(
-                self.objective, at, table, float(point[k]), self.rng, self.confidence
-            )
-            found.append(curve)
-        return found
-
 
 def _within(base: Setting, factors: Sequence[Factor]) -> Array | None:
     """Return the point (d,) of the user's conditions; None if they are outside the ranges."""
@@ -413,15 +385,3 @@ def _within(base: Setting, factors: Sequence[Factor]) -> Array | None:
     if not all(inside):
         return None
     return np.array([float(f.shares(np.array(v))) for f, v in zip(factors, values, strict=True)])
-
-
-def line_through(point: Array, k: int, factors: Sequence[Factor]) -> Array:
-    """Return points (l, d) along factor k through a point (d,), at its levels if it has some.
-
-    The point itself is left out; it need not be at levels, as the conditions of the user.
-    """
-    line = np.repeat(point[None], LEVELS, axis=0)
-    line[:, k] = np.linspace(0, 1, LEVELS)
-    line[:, k] = on_levels(line, factors)[:, k]
-    line = np.unique(line, axis=0)
-    return line[line[:, k] != point[k]]

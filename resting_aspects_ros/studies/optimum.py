@@ -1,4 +1,4 @@
-"""The best conditions that a search found: their document, tables and sentences."""
+"""What is optimised, and the best conditions that a search found, with document and tables."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import entr
 
 from resting_aspects_ros.api.conditions import conditions_text, scene_of
 from resting_aspects_ros.api.result import Result, write_rows
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.drops import MODEL_RANGE
@@ -18,22 +20,162 @@ from resting_aspects_ros.report.format import interval_text, list_text
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import engine_version
-from resting_aspects_ros.statistics.intervals import Interval
+from resting_aspects_ros.statistics.intervals import Interval, containing
 from resting_aspects_ros.statistics.model_range import model_bounds
 from resting_aspects_ros.studies.design import Factor, Setting
-from resting_aspects_ros.studies.effects import homogeneity
-from resting_aspects_ros.studies.objective import DRAWS, Advantage, Estimated, Objective, estimated
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page
 
 PAGE = 'report.html'
-# A factor has no effect that can be shown if the p value of its test is larger.
-SIGNIFICANCE = 0.05
 # The best value is at a bound if it is this close to it, relative to the range.
 AT_BOUND = 0.01
-# Values that belong to a pair of materials.
-MATERIAL = ('restitution', 'friction', 'rolling_friction', 'spinning_friction')
+# Pseudo-drops of the Dirichlet prior, divided among the outcomes: 1 drop in all (Perks 1947).
+PRIOR = 1.0
+# Draws of a posterior, for an interval.
+DRAWS = 20_000
+
+
+@dataclass(frozen=True)
+class Objective:
+    """The share of wanted aspects, which is maximised, or the entropy, which is minimised.
+
+    wanted : tuple of int
+        Ids of the wanted aspects, ascending; empty for the entropy.
+    groups : tuple of tuple of int
+        Ids of the aspects of each outcome that is distinguished: the wanted aspects, or the
+        members of each symmetry class. All other ends of a drop are one more outcome, the last.
+    """
+
+    wanted: tuple[int, ...]
+    groups: tuple[tuple[int, ...], ...]
+
+    @property
+    def is_entropy(self) -> bool:
+        """Whether the entropy is minimised."""
+        return not self.wanted
+
+    @property
+    def sign(self) -> float:
+        """1 if more is better, otherwise -1."""
+        return -1.0 if self.is_entropy else 1.0
+
+    @property
+    def text(self) -> str:
+        """What is sought, such as 'largest share of aspects 1 and 3'."""
+        if self.is_entropy:
+            return 'least entropy over the symmetry classes'
+        noun = 'aspect' if len(self.wanted) == 1 else 'aspects'
+        return f'largest share of {noun} {list_text([str(k) for k in self.wanted])}'
+
+    def columns(self, counts: Counts) -> Counts:
+        """Return counts (c,) of the outcomes, from counts (k + 5,) by aspect and by OUTSIDE."""
+        each = [int(counts[[k - 1 for k in ids]].sum()) for ids in self.groups]
+        return np.array([*each, counts.sum() - sum(each)], dtype=np.int64)
+
+    def values(self, shares: Array) -> Array:
+        """Return the share, or the entropy in nat, for shares (..., c) of the outcomes.
+
+        A part in no aspect has the largest uncertainty, ln of the number of classes, so that
+        losing parts does not lower the entropy.
+        """
+        if not self.is_entropy:
+            return np.asarray(shares[..., 0])
+        classes, none = shares[..., :-1], shares[..., -1]
+        inside = np.maximum(1 - none, 1e-300)[..., None]
+        entropy = np.asarray(entr(classes / inside)).sum(axis=-1)
+        return np.asarray((1 - none) * entropy + none * np.log(len(self.groups)))
+
+    def posterior(self, counts: Counts, rng: np.random.Generator, size: int) -> Array:
+        """Return draws (size,) of the value given counts (c,), by the Dirichlet posterior.
+
+        The entropy of n drops in m classes is too small by (m - 1) / 2 n (Miller 1955), and that
+        of a draw from their posterior by as much again; both are added.
+        """
+        prior = PRIOR / len(counts)
+        values = self.values(rng.dirichlet(np.asarray(counts) + prior, size))
+        if not self.is_entropy:
+            return values
+        bias = max(int((counts[:-1] > 0).sum()) - 1, 0) / max(int(counts.sum()), 1)
+        return np.asarray(np.minimum(values + bias, np.log(len(self.groups))))
+
+    def number(self, value: float) -> str:
+        """Return a value as text: a share in percent, or an entropy in nat."""
+        return f'{value:.3f} nat' if self.is_entropy else f'{100 * value:.1f} %'
+
+    def difference(self, value: float) -> str:
+        """Return a difference as text: points of a share, or nat."""
+        return f'{value:.3f} nat' if self.is_entropy else f'{100 * value:.1f} points'
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A value with its credible interval."""
+
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Advantage:
+    """By how much the best conditions are better than others, and how certain that is.
+
+    gain : Estimated
+        Positive if the best conditions are better, even if less is better.
+    certainty : float
+        Posterior probability that they are better at all.
+    """
+
+    gain: Estimated
+    certainty: float
+
+
+def estimated(draws: Array, confidence: float) -> Estimated:
+    """Return the mean and the central interval of draws."""
+    tail, mean = (1 - confidence) / 2, float(draws.mean())
+    lower, upper = np.quantile(draws, [tail, 1 - tail])
+    lower, upper = containing(mean, lower, upper)
+    return Estimated(mean, float(lower), float(upper))
+
+
+def compared(draws: Sequence[Array], confidence: float) -> tuple[list[Advantage], float]:
+    """Return by how much the first of some conditions is better than each other one.
+
+    Also returns the posterior probability that it is better than all of them. ``draws`` are those
+    of the posteriors of their scores, by drops that did not select the conditions, so that the
+    values are not those of the luckiest of many points (winner's curse).
+    """
+    first, *others = draws
+    gains = [
+        Advantage(estimated(first - each, confidence), float((first > each).mean()))
+        for each in others
+    ]
+    return gains, float(np.all([first > each for each in others], axis=0).mean())
+
+
+def make_objective(
+    aspects: AspectSet,
+    wanted: Sequence[int] | None = None,
+    wanted_classes: Sequence[int] | None = None,
+    *,
+    minimise_entropy: bool = False,
+) -> Objective:
+    """Return an objective; raises InvalidValueError unless exactly one is given and known."""
+    if sum([wanted is not None, wanted_classes is not None, minimise_entropy]) != 1:
+        raise InvalidValueError(
+            'invalid objective: expected one of wanted aspects, wanted classes and least entropy'
+        )
+    members = tuple(tuple(a.id for a in each) for each in aspects.classes())
+    if minimise_entropy:
+        if len(members) < 2:
+            raise InvalidValueError(
+                f'invalid objective least entropy: expected a part with several symmetry classes '
+                f'of aspects, not {len(members)}'
+            )
+        return Objective((), members)
+    ids = aspects.chosen(wanted, wanted_classes, 'wanted')
+    return Objective(ids, (ids,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,105 +204,6 @@ class Candidate:
         """Number of drops."""
         return int(self.counts.sum())
 
-    @property
-    def document(self) -> dict[str, Any]:
-        """The conditions as plain JSON types."""
-        action = self.setting.action
-        return {
-            'values': dict(self.values),
-            'conditions': self.setting.drop_conditions.document(),
-            'action': None if action is None else plain(action.values),
-            'value': plain(self.estimate),
-            'counts': self.counts.tolist(),
-            'drops': self.drops,
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class FactorCurve:
-    """The objective over one factor, while the others have their best values, by fresh drops.
-
-    at : (l,) float
-        Values of the factor from 0 to 1, ascending; the best one is among them.
-    values, lower, upper : (l,) float
-        Values of the objective with their credible intervals.
-    flat : (float, float)
-        Range of the values next to the best one at which less than the tolerance is lost. The
-        whole range if no effect is shown.
-    bound : int
-        -1 or 1 if an effect is shown, and the lower or upper bound has the best value; else 0.
-    p_value : float
-        Of the test that the outcomes are the same for all values.
-    """
-
-    at: Array
-    values: Array
-    lower: Array
-    upper: Array
-    flat: tuple[float, float]
-    bound: int
-    p_value: float
-
-    @property
-    def matters(self) -> bool:
-        """Whether an effect is shown."""
-        return self.p_value < SIGNIFICANCE
-
-    @property
-    def change(self) -> float:
-        """Largest difference between two values."""
-        return float(np.ptp(self.values))
-
-    def document(self, factor: Factor) -> dict[str, Any]:
-        """Return the curve as plain JSON types, in SI units."""
-        return {
-            'flat': factor.values(np.array(self.flat)).tolist(),
-            'at_bound': self.bound != 0,
-            'change': self.change,
-            'p_value': self.p_value,
-            'curve': {
-                'at': factor.values(self.at).tolist(),
-                **{name: plain(getattr(self, name)) for name in ('values', 'lower', 'upper')},
-            },
-        }
-
-
-def factor_curve(
-    objective: Objective,
-    at: Array,
-    counts: Counts,
-    best: float,
-    rng: np.random.Generator,
-    confidence: float,
-) -> FactorCurve:
-    """Return the curve of a factor, by counts (l, c) at its values ``at`` (l,), one of them best.
-
-    That the outcomes differ is shown by a chi-square test.
-    """
-    order = np.argsort(at)
-    at, counts = at[order], counts[order]
-    found = [estimated(objective.posterior(row, rng, DRAWS), confidence) for row in counts]
-    values = np.array([each.value for each in found])
-    score, p_value = objective.sign * values, homogeneity(counts)
-    flat, bound = (0.0, 1.0), 0
-    if p_value < SIGNIFICANCE:
-        k = int(np.abs(at - best).argmin())
-        lost = np.flatnonzero(score[k] - score > objective.tolerance)
-        low = int(max(lost[lost < k], default=-1)) + 1
-        high = int(min(lost[lost > k], default=len(at))) - 1
-        flat = float(at[low]), float(at[high])
-        place = at[score.argmax()]
-        bound = int(place >= 1 - AT_BOUND) - int(place <= AT_BOUND)
-    return FactorCurve(
-        at,
-        values,
-        np.array([each.lower for each in found]),
-        np.array([each.upper for each in found]),
-        flat,
-        bound,
-        p_value,
-    )
-
 
 @dataclass(frozen=True, eq=False)
 class OptimiseResult(Result):
@@ -172,8 +215,6 @@ class OptimiseResult(Result):
     aspects : AspectSet
     objective : Objective
     factors : tuple of Factor
-    curves : tuple of FactorCurve
-        For each factor, how flat the optimum is and whether the factor matters; empty if stopped.
     candidates : tuple of Candidate
         The conditions that are compared by fresh drops, those with the best value first: the best
         ones of the search, the best ones that differ from these by a fifth of a range, and those
@@ -199,7 +240,6 @@ class OptimiseResult(Result):
     aspects: AspectSet
     objective: Objective
     factors: tuple[Factor, ...]
-    curves: tuple[FactorCurve, ...]
     candidates: tuple[Candidate, ...]
     start: Candidate | None
     gains: tuple[Advantage, ...]
@@ -274,13 +314,12 @@ class OptimiseResult(Result):
         return [
             *_comparison_notes(self),
             self.range_text,
-            *_factor_notes(self),
+            *_bound_notes(self),
             *_limit_notes(self),
         ]
 
     def document(self) -> dict[str, Any]:
         """Return the result as plain JSON types, in SI units."""
-        curves = self.curves or [None] * len(self.factors)
         compared = {'best': self.best, 'second': self.second, 'start': self.start}
         return {
             'schema_version': SCHEMA_VERSION,
@@ -292,8 +331,7 @@ class OptimiseResult(Result):
             'unit': 'nat' if self.objective.is_entropy else '',
             'factors': [
                 {'name': factor.name, **factor.document, 'unit': factor.unit}
-                | ({} if own is None else own.document(factor))
-                for factor, own in zip(self.factors, curves, strict=True)
+                for factor in self.factors
             ],
             **{name: self._compared_document(c) for name, c in compared.items()},
             'over_second': plain(self.over(self.second)),
@@ -318,9 +356,17 @@ class OptimiseResult(Result):
     def _compared_document(self, candidate: Candidate | None) -> dict[str, Any] | None:
         if candidate is None:
             return None
-        model = self.model_range(candidate)
-        low, high = (None, None) if model is None else (model.lower, model.upper)
-        return {**candidate.document, 'model_lower': low, 'model_upper': high}
+        action, model = candidate.setting.action, self.model_range(candidate)
+        return {
+            'values': dict(candidate.values),
+            'conditions': candidate.setting.drop_conditions.document(),
+            'action': None if action is None else plain(action.values),
+            'value': plain(candidate.estimate),
+            'counts': candidate.counts.tolist(),
+            'drops': candidate.drops,
+            'model_lower': None if model is None else model.lower,
+            'model_upper': None if model is None else model.upper,
+        }
 
     def save_csv(self, path: str | Path) -> None:
         """Write the points of the search as CSV, in SI units."""
@@ -376,23 +422,6 @@ class OptimiseResult(Result):
             )
         return table
 
-    def factor_table(self) -> Table:
-        """Return the table of the factors: range, flat range and largest change."""
-        difference = self.objective.difference
-        within = difference(self.objective.tolerance).replace('1.0 points', '1 point')
-        headings = ('factor', 'searched', f'within {within}', 'largest change')
-        title = 'what the factors do at the best conditions'
-        table = Table(title, headings, texts={'factor': None})
-        for factor, curve in zip(self.factors, self.curves, strict=False):
-            low, high = factor.values(np.array(curve.flat)).tolist()
-            table.add_row(
-                factor.label or factor.name,
-                f'{factor.text(factor.low)} to {factor.text(factor.high)}',
-                f'{factor.text(low)} to {factor.text(high)}',
-                difference(curve.change) if curve.matters else 'not shown',
-            )
-        return table
-
 
 def certainty_text(certainty: float) -> str:
     """Return a probability as text; it is never rounded to 0 or 100 %."""
@@ -410,17 +439,10 @@ def _comparison_notes(result: OptimiseResult) -> Iterator[str]:
             'No winner: the probability that the best conditions are better than all others that '
             f'were compared is {certainty_text(result.certainty)}.'
         )
-    if result.best is result.start:
-        yield 'Your conditions have the best value of those that were compared.'
     for other, name in ((result.second, 'the second conditions'), (result.start, 'yours')):
         found = result.over(other)
         if found is not None:
             yield _against(found, result.objective, name)
-    yield (
-        f'These values are from {result.best.drops} fresh drops for each of the conditions. The '
-        'drops that selected the best conditions are not among them, so that the values are not '
-        'those of the luckiest point.'
-    )
 
 
 def _against(found: Advantage, objective: Objective, other: str) -> str:
@@ -438,33 +460,18 @@ def _against(found: Advantage, objective: Objective, other: str) -> str:
     )
 
 
-def _factor_notes(result: OptimiseResult) -> Iterator[str]:
-    """Say which values are at a bound, which effects are not shown, and which are materials."""
-    known = list(zip(result.factors, result.curves, strict=False))
-    for factor, curve in known:
-        if curve.bound:
-            end, value = ('lower', factor.low) if curve.bound < 0 else ('upper', factor.high)
+def _bound_notes(result: OptimiseResult) -> Iterator[str]:
+    """Say which values are at a bound of their range."""
+    place = result.best.point
+    if place is None:
+        return
+    for factor, at in zip(result.factors, place.tolist(), strict=True):
+        if min(at, 1 - at) <= AT_BOUND:
+            end, value = ('lower', factor.low) if at < 0.5 else ('upper', factor.high)
             yield (
                 f'The best {factor.name} is at the {end} bound of its range, '
                 f'{factor.text(value)}: it may be better beyond.'
             )
-    hidden = [factor for factor, curve in known if not curve.matters]
-    if hidden:
-        verb = 'has' if len(hidden) == 1 else 'have'
-        yield f'{_names(hidden)} {verb} no effect that can be shown at the best conditions.'
-    materials = [f for f in result.factors if f.name.rpartition('.')[2] in MATERIAL]
-    if materials:
-        verb = 'is a property' if len(materials) == 1 else 'are properties'
-        yield (
-            f'{_names(materials)} {verb} of the materials of part and surface: only another '
-            'surface changes this.'
-        )
-
-
-def _names(factors: Sequence[Factor]) -> str:
-    """Return names as they begin a sentence; those with a dot are kept as they are."""
-    names = list_text([factor.name for factor in factors])
-    return names if '.' in names else names[0].upper() + names[1:]
 
 
 def _limit_notes(result: OptimiseResult) -> Iterator[str]:

@@ -330,7 +330,6 @@ def factor_axis(axes: 'Axes', factor: Factor, name: Literal['x', 'y'] = 'x') -> 
 
 def optimise_page(result: 'OptimiseResult', file: str) -> Page:
     """Return the page of a search for the best conditions."""
-    confidence = f'{100 * result.confidence:g}'
     first, *others = result.notes
     answer: list[Item] = [result.candidate_table()]
     answer.append(Findings([('open', first, ''), *(('open', '', note) for note in others)]))
@@ -343,26 +342,19 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
             names = [f'aspect {aspect.id}' for aspect in wanted]
             pictures = map(picture_uri, images)
             answer.insert(0, _gallery(names, colours, pictures, [('wanted',)] * len(names)))
-    factors: list[Item] = [result.factor_table()]
-    if result.curves:
-        chart = Chart(
-            'curves',
-            'Charts of the objective over each factor',
-            partial(optimum_figure, result),
-            f'Points: drops, with {confidence} % intervals, while the other factors have their '
-            'best values. Dashed: the best value. Shaded: the range in which little is lost.',
-        )
-        factors.insert(0, chart)
+    chart = Chart(
+        'points',
+        'Charts of the objective over each factor',
+        partial(points_figure, result),
+        'A dot for each point of the search; the larger, the more drops. Dashed: the best value.',
+    )
     return Page(
         file=file,
         title=result.part.name,
         topic='best conditions',
         lead=f'Conditions with the {result.aim}',
         subtitle=f'{result.drops} drops at {len(result.points)} points, seed {result.seed}',
-        sections=[
-            Section('Answer', 'answer', answer),
-            Section('What the factors do', 'factors', factors),
-        ],
+        sections=[Section('Answer', 'answer', answer), Section('Search', 'search', [chart])],
         reading=reading('optimise', chance=f'{100 - 100 * result.confidence:g}'),
         facts={
             'Factors': [(f.label or f.name, _range(f)) for f in result.factors],
@@ -373,30 +365,25 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
     )
 
 
-def optimum_figure(result: 'OptimiseResult') -> 'Figure':
-    """Return the objective over each factor, with its intervals, and the best value."""
+def points_figure(result: 'OptimiseResult') -> 'Figure':
+    """Return the objective over each factor at the points of the search, and the best value."""
     figure, panels = _panels(len(result.factors), PANEL_HEIGHT)
-    low = min(float(curve.lower.min()) for curve in result.curves)
-    top = max(float(curve.upper.max()) for curve in result.curves)
-    margin, entropy_wanted = 0.05 * (top - low), result.objective.is_entropy
-    for k, (axes, factor, curve) in enumerate(
-        zip(panels, result.factors, result.curves, strict=True)
-    ):
-        x = factor.scale * factor.values(curve.at)
-        flat = factor.scale * factor.values(np.array(curve.flat))
-        axes.axvspan(*flat, color=COLOURS[0], alpha=0.1, linewidth=0)
-        axes.vlines(x, curve.lower, curve.upper, color=COLOURS[0], lw=1.4, clip_on=False)
-        axes.plot(x, curve.values, '.-', color=COLOURS[0], lw=0.8, ms=6, clip_on=False)
-        assert result.best.point is not None
-        best = float(factor.values(result.best.point[k]))
-        axes.axvline(factor.scale * best, color=TEXT, linewidth=1, linestyle='--')
+    counts = np.array([each for _, each in result.points])
+    drops = counts.sum(axis=1)
+    values = result.objective.values(counts / drops[:, None])
+    for k, (axes, factor) in enumerate(zip(panels, result.factors, strict=True)):
+        x = factor.scale * np.array([point[factor.name] for point, _ in result.points])
+        axes.scatter(x, values, 40 * drops / drops.max(), COLOURS[0], alpha=0.6, clip_on=False)
+        best = result.best.values[factor.name]
+        if best is not None:
+            axes.axvline(factor.scale * best, color=TEXT, linewidth=1, linestyle='--')
         plain_axes(axes, 'y')
         factor_axis(axes, factor)
-        axes.set_ylim(max(0.0, low - margin), top + margin)
-        if not entropy_wanted:
+        axes.set_ylim(bottom=0)
+        if not result.objective.is_entropy:
             axes.yaxis.set_major_formatter(lambda share, _: f'{100 * share:.6g} %')
         if k % MAX_COLUMNS == 0:
-            text = 'uncertainty\n(entropy, nat)' if entropy_wanted else 'share'
+            text = 'uncertainty\n(entropy, nat)' if result.objective.is_entropy else 'share'
             axes.set_ylabel(text, size=8.5, color=TEXT)
     figure.tight_layout(pad=0.6)
     return figure

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.studies.objective import (
+from resting_aspects_ros.studies.optimum import (
     Objective,
     compared,
     estimated,

@@ -34,10 +34,7 @@ def test_document_has_the_counts_of_all_drops(found, tmp_path):
     document = json.loads((tmp_path / 'o.json').read_text())
     points = sum(sum(p['counts']) for p in document['points'])
     compared = sum(document[name]['drops'] for name in ('best', 'second', 'start'))
-    # The best conditions are in the curves of both factors, whose other points are fresh ones.
-    curves = sum(len(f['curve']['at']) - 1 for f in document['factors'])
-    each = 3840 // 4 // (9 * 2)
-    assert points + compared + curves * each == document['drops'] <= 3840
+    assert points + compared == document['drops'] <= 3840
     assert document['complete']
     assert document['wanted'] == [1, 2]
     assert document['start']['values'] == {'height': 0.06, 'friction': 0.25}
@@ -141,8 +138,6 @@ def test_parts_stay_on_a_slope_below_the_friction_angle(optimise):
     steep = [c for v, c in found.points if v['surroundings.angle'] > math.atan(friction)]
     assert steep
     assert sum(int(counts[0]) for counts in steep) == 0
-    assert found.curves[0].matters
-    assert 5 + 35 * found.curves[0].flat[1] < math.degrees(math.atan(friction)) + 1
 
 
 @pytest.fixture(scope='module')
@@ -161,7 +156,6 @@ def test_gentler_taps_keep_more_parts_in_their_aspect(optimise, released_upright
         **released_upright,
     )  # fmt: skip
     assert found.best.values['action.speed'] < 0.3
-    assert found.curves[0].matters
     assert 'after one tap on parts that were dropped' in found.aim
 
 

@@ -5,14 +5,8 @@ import pytest
 from scipy.stats import binom
 
 from resting_aspects_ros.studies.design import Factor
-from resting_aspects_ros.studies.objective import Objective, compared, estimated
-from resting_aspects_ros.studies.optimise import (
-    best_points,
-    final_drops,
-    line_through,
-    search,
-)
-from resting_aspects_ros.studies.optimum import factor_curve
+from resting_aspects_ros.studies.optimise import best_points, final_drops, search
+from resting_aspects_ros.studies.optimum import Objective, compared, estimated
 
 SHARE = Objective((1,), ((1,),))
 
@@ -90,46 +84,6 @@ def test_given_point_takes_part():
     assert points[0.3, 0.123].sum() > 0
 
 
-def curve_of(share, best, at=None, drops=4000, seed=1):
-    """Return the curve of a factor, by drops with a known share along it."""
-    at = np.linspace(0, 1, 9) if at is None else at
-    rng, at = np.random.default_rng(seed), np.append(at[at != best], best)
-    count = rng.binomial(drops, share(at[:, None]))
-    table = np.column_stack([count, drops - count])
-    return factor_curve(SHARE, at, table, best, rng, 0.95)
-
-
-def test_only_one_factor_varies_along_a_curve_through_conditions_beside_the_levels():
-    factors = [Factor('a', 0.0, 1.0, 3), Factor('b', 0.0, 1.0)]
-    point = np.array([0.25, 0.6])
-    along, other = (line_through(point, k, factors) for k in (0, 1))
-    assert along.tolist() == [[0.0, 0.6], [0.5, 0.6], [1.0, 0.6]]
-    assert other[:, 0].tolist() == [0.25] * 9
-
-
-def test_flat_range_is_that_of_the_known_function():
-    ranges = [curve_of(hill, 0.3, np.linspace(0, 1, 41), 10**6, seed).flat for seed in range(3)]
-    u = np.linspace(0, 1, 1001)
-    good = u[hill(u[:, None]) >= hill(np.array([[0.3]]))[0] - 0.01]
-    # The values are 0.025 apart, and a share of 1e6 drops is known to 0.05 points.
-    np.testing.assert_allclose(ranges, [[good.min(), good.max()]] * 3, atol=0.025)
-
-
-@pytest.mark.slow
-def test_factor_without_effect_is_called_one_with_effect_as_rarely_as_stated():
-    found = [curve_of(lambda u: np.full(len(u), 0.4), 0.3, seed=s) for s in range(40)]
-    assert sum(curve.matters for curve in found) <= binom.ppf(0.999, 40, 0.05)
-    assert all(curve.flat == (0, 1) for curve in found if not curve.matters)
-
-
-@pytest.mark.parametrize(
-    ('share', 'best', 'bound'),
-    [(slope, 0.6, 1), (lambda u: slope(1 - u), 0.0, -1), (hill, 0.3, 0)],
-)
-def test_bound_is_reported_if_it_is_best(share, best, bound):
-    assert curve_of(share, best, drops=20_000).bound == bound
-
-
 def comparison(share, seed, points, drops, confidence=0.95):
     """Return the order of points by fresh drops, the gains of the first and its certainty."""
     rng = np.random.default_rng(seed)
@@ -159,7 +113,7 @@ def test_stated_certainty_and_intervals_hold_over_repetitions():
         known, best = searched(problem(hill, seed), 2, 24_000, seed)
         points = np.array([*best, start])
         truth = hill(points)
-        drops = 24_000 // 12
+        drops = 24_000 // 6
         order, gains, certainty, values = comparison(hill, seed, points, drops, 0.9)
         covered += sum(
             gain.gain.lower <= truth[order[0]] - truth[other] <= gain.gain.upper

@@ -74,8 +74,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_integer(
         parser,
         '--budget',
-        'number of all drops: half of them search, a quarter are fresh drops that compare '
-        'the best conditions with others, and a quarter show how flat the optimum is (200000)',
+        'number of all drops: half of them search, and half are fresh drops that compare the best '
+        'conditions with others (200000)',
         default=200_000,
     )
     add_seed(parser, 'result')
@@ -137,6 +137,4 @@ def _show(result: 'OptimiseResult') -> None:
     from resting_aspects_ros.cli.console import show_table, show_texts
 
     show_table(result.candidate_table())
-    if result.curves:
-        show_table(result.factor_table())
     show_texts(*result.notes)
