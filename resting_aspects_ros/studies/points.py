@@ -116,9 +116,8 @@ class Simulation:
         per_aspect: int,
         seed: int,
         monitor: Monitor,
-        ids: Sequence[int] = (),
     ) -> Counts:
-        """Return counts (k, k + 5) of actions from each of some aspects, by default of all.
+        """Return counts (k, k + 5) of actions from each aspect.
 
         In surroundings, actions start from poses in which drops there end; an aspect in which
         none ends has no actions.
@@ -134,7 +133,7 @@ class Simulation:
                 setting, DEFAULT_DROPS, seed, quiet, [lambda poses, _: rests.append(poses)]
             )
         joined = RestingPoses.join(rests) if rests else None
-        starts = starts_of(self.part, aspects, action.action, scene, conditions, joined, ids)
+        starts = starts_of(self.part, aspects, action.action, scene, conditions, joined)
         if not starts.rows:
             return np.zeros((k, k + len(OUTSIDE)), dtype=np.int64)
         job, run = self._plan(setting, per_aspect * starts.rows, seed, starts)

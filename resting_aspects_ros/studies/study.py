@@ -56,15 +56,11 @@ from resting_aspects_ros.studies.design import (
     read_setting,
 )
 from resting_aspects_ros.studies.effects import (
-    FRESH_DROPS,
-    Candidate,
     Effects,
     Finding,
-    LineCounts,
     effects_of,
     entropy,
     findings_of,
-    largest_candidates,
 )
 from resting_aspects_ros.studies.points import (
     STORE,
@@ -72,6 +68,7 @@ from resting_aspects_ros.studies.points import (
     Monitor,
     PointStore,
     Simulation,
+    Task,
     counted,
     counts_by_class,
     point_key,
@@ -86,7 +83,7 @@ if TYPE_CHECKING:
 SPEC, CSV, PAGE = 'study.yaml', 'results.csv', 'page.html'
 # Drops of all points together by default, with an action from each aspect a fifth of them; and the
 # bounds of those of one point.
-ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 120_000, 400, 10_000, 5
+ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 200_000, 400, 10_000, 5
 # A change of a share that matters to the reader of the page.
 DEFAULT_TOLERANCE = 0.05
 EXPECTED = {
@@ -243,9 +240,6 @@ class StudyResult(Result):
         Whether all drops are made, except at impossible points.
     folder : Path or None
         Where the study is stored.
-    fresh : tuple of dict of int to (c + 1,) int
-        For each case, fresh drops by class and elsewhere at some of the points: where a factor
-        seems to change the shares most.
     """
 
     spec: StudySpec
@@ -253,7 +247,6 @@ class StudyResult(Result):
     cases: tuple[Case, ...]
     complete: bool
     folder: Path | None = None
-    fresh: tuple[Mapping[int, Counts], ...] = ()
 
     @property
     def values(self) -> list[dict[str, float]]:
@@ -266,20 +259,8 @@ class StudyResult(Result):
         found: list[Effects | None] = [None] * len(self.cases)
         for k, case in enumerate(self.cases):
             with analysis(f'what the shares of {case.name} depend on'):
-                found[k] = effects_of(
-                    case,
-                    self.design,
-                    self.spec.seed,
-                    self.spec.confidence,
-                    partial(self._fresh_counts, k),
-                )
+                found[k] = effects_of(case, self.design, self.spec.seed, self.spec.confidence)
         return found
-
-    def _fresh_counts(self, case: int, candidate: Candidate) -> Counts | None:
-        known = self.fresh[case] if self.fresh else {}
-        if not all(point in known for point in candidate.points):
-            return None
-        return np.array([known[point] for point in candidate.points])
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -289,7 +270,7 @@ class StudyResult(Result):
             finding
             for case, effects in zip(self.cases, self.effects, strict=True)
             for finding in findings_of(
-                case, effects, self.design, spec.factors, spec.tolerance, spec.confidence
+                case, effects, spec.factors, spec.tolerance, spec.confidence
             )
         ]
 
@@ -404,7 +385,7 @@ def study(
         Number of base points; a factorial design has none.
     drops : int, optional
         Number of drops at each point; with an action, of actions from each aspect. By default
-        about 120,000 drops, or 24,000 actions from each aspect, are divided among the points.
+        about 200,000 drops, or 40,000 actions from each aspect, are divided among the points.
     seed : int
         Seed of the design and of the drops.
     tolerance : float
@@ -472,19 +453,7 @@ def run_study(
     with given_workers(workers) as pool:
         run = _StudyRun(spec, store, pool, progress, stopped)
         cases = run.cases()
-        fresh = run.fresh(cases)
-    return StudyResult(spec, run.design, tuple(cases), run.complete, folder, tuple(fresh))
-
-
-@dataclass(frozen=True)
-class _Wanted:
-    """Drops of a part at a point, or actions there from some aspects, by default from all."""
-
-    part: int
-    point: int
-    drops: int
-    ids: tuple[int, ...] = ()
-    purpose: str = ''
+    return StudyResult(spec, run.design, tuple(cases), run.complete, folder)
 
 
 class _StudyRun:
@@ -507,99 +476,54 @@ class _StudyRun:
 
     def cases(self) -> list[Case]:
         """Make the drops of the design, and return them by case."""
-        wanted = [
-            [_Wanted(j, k, self.spec.drops) for k in range(len(self.design.points))]
-            for j in range(len(self._parts))
-        ]
-        found = self._make([w for own in wanted for w in own], 'points')
+        m = len(self._settings)
+        wanted = [(part, setting) for part in self._parts for setting in self._settings]
+        found = self._make(wanted)
         return [
             case
-            for simulation, own in zip(self._parts, wanted, strict=True)
-            for case in self._cases_of(simulation, [found.get(w) for w in own])
+            for k, simulation in enumerate(self._parts)
+            for case in self._cases_of(simulation, found[k * m : (k + 1) * m])
         ]
 
-    def fresh(self, cases: Sequence[Case]) -> list[dict[int, Counts]]:
-        """Make fresh drops where shares seem to change most, and return them for each case."""
-        if not self.complete:
-            return [{} for _ in cases]
-        drops = FRESH_DROPS * self.spec.drops
-        wanted: list[dict[int, _Wanted]] = []
-        for case in cases:
-            members = () if case.start is None else case.aspects.classes()[case.start - 1]
-            j, ids = self.spec.parts.index(case.part), tuple(a.id for a in members)
-            points = self._expected_changes(case)
-            wanted.append({k: _Wanted(j, k, drops, ids, 'fresh') for k in points})
-        found = self._make([w for own in wanted for w in own.values()], 'points, fresh drops')
-        return [
-            {
-                k: self._by_class(case, counts)
-                for k, w in own.items()
-                if isinstance(counts := found.get(w), np.ndarray)
-            }
-            for case, own in zip(cases, wanted, strict=True)
-        ]
-
-    def _expected_changes(self, case: Case) -> list[int]:
-        """Return the points of a case that get fresh drops."""
-        found: dict[int, None] = {}
-        lines = [LineCounts.of(case.table, each) for each in self.design.lines]
-        for line in lines:
-            if line is not None and len(line.counts) > 1 and len(case.columns) > 1:
-                for candidate in largest_candidates(line):
-                    found |= dict.fromkeys(candidate.points)
-        return list(found)
-
-    def _make(self, wanted: Sequence[_Wanted], label: str) -> dict[_Wanted, Counts | str]:
-        """Return counts (r, k + 5), or why they are impossible; nothing if stopped before."""
-        known: dict[_Wanted, Counts | str] = {}
-        for w in wanted:
-            setting = self._settings[w.point]
+    def _make(
+        self, wanted: Sequence[tuple[Simulation, Setting | str]]
+    ) -> list[Counts | str | None]:
+        """Return counts (r, k + 5) of parts, why they are impossible, or None if stopped."""
+        drops = self.spec.drops
+        found: list[Counts | str | None] = []
+        missing: list[tuple[int, str, Task]] = []
+        total = 0
+        for index, (simulation, setting) in enumerate(wanted):
             if isinstance(setting, str):
-                known[w] = setting
-            elif (counts := self._store.counts(self._key(w), w.drops)) is not None:
-                known[w] = counts
-        missing = [w for w in wanted if w not in known]
-        label = f'{len(missing)} {"missing " * bool(known)}{label}'
-        total = sum(w.drops * self._rows(w) for w in missing)
+                found.append(setting)
+                continue
+            key = f'{self.spec.seed} {point_key(simulation.part, setting)}'
+            found.append(self._store.counts(key, drops))
+            if found[-1] is None:
+                missing.append((index, key, partial(self._simulate, simulation, setting)))
+                total += drops * (1 if setting.action is None else len(simulation.aspects))
+        known = 'missing ' if len(missing) < len(wanted) else ''
+        label = f'{len(missing)} {known}points'
         with DropProgress(label, total, shown=total > 0 and self._progress) as bar:
-            found = run_tasks(
-                [partial(self._simulate, w) for w in missing],
+            made = run_tasks(
+                [task for _, _, task in missing],
                 self._workers,
                 bar.update,
                 self._stopped,
-                lambda k, counts: self._store.add(self._key(missing[k]), missing[k].drops, counts),
+                lambda k, counts: self._store.add(missing[k][1], drops, counts),
             )
             bar.end(bar.done)
-        known |= {w: c for w, c in zip(missing, found, strict=True) if c is not None}
-        self.complete = self.complete and len(known) == len(wanted)
-        return known
+        for (index, _, _), counts in zip(missing, made, strict=True):
+            found[index] = counts
+        self.complete = not any(each is None for each in found)
+        return found
 
-    def _simulate(self, wanted: _Wanted, monitor: Monitor) -> Counts:
+    def _simulate(self, simulation: Simulation, setting: Setting, monitor: Monitor) -> Counts:
         """Return counts (r, k + 5) of drops, r = 1, or of actions from each aspect."""
-        setting, simulation = self._settings[wanted.point], self._parts[wanted.part]
-        assert isinstance(setting, Setting)
-        seed = point_seed(self.spec.seed, simulation.part, setting, wanted.purpose)
+        drops, seed = self.spec.drops, point_seed(self.spec.seed, simulation.part, setting)
         if setting.action is None:
-            return simulation.dropped(setting, wanted.drops, seed, monitor)[None]
-        return simulation.acted(setting, wanted.drops, seed, monitor, wanted.ids)
-
-    def _rows(self, wanted: _Wanted) -> int:
-        if self.spec.base.action is None:
-            return 1
-        return len(wanted.ids) or len(self._parts[wanted.part].aspects)
-
-    def _key(self, wanted: _Wanted) -> str:
-        """Return what determines the counts, but for the number of drops."""
-        setting = self._settings[wanted.point]
-        assert isinstance(setting, Setting)
-        key = point_key(self.spec.parts[wanted.part], setting)
-        words = [str(self.spec.seed), key, wanted.purpose, '-'.join(map(str, wanted.ids))]
-        return ' '.join(filter(None, words))
-
-    def _by_class(self, case: Case, counts: Counts) -> Counts:
-        """Return counts (r, k + 5) as counts (c + 1,) by class, and elsewhere."""
-        total, k = counts.sum(axis=0), len(case.aspects)
-        return np.append(counts_by_class(case.aspects, total[:k]), total[k:].sum())
+            return simulation.dropped(setting, drops, seed, monitor)[None]
+        return simulation.acted(setting, drops, seed, monitor)
 
     def _cases_of(
         self, simulation: Simulation, found: Sequence[Counts | str | None]
