@@ -12,7 +12,7 @@ import numpy as np
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.landscape import Landscape
-from resting_aspects_ros.errors import InvalidValueError, StoppedError, analysis, shown
+from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown
 from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, check_seed
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studies.calibration.counts_file import (
@@ -24,8 +24,6 @@ from resting_aspects_ros.studies.calibration.posterior import (
     REPEATED,
     ROUNDS,
     Fit,
-    FitTest,
-    Prediction,
     find_estimates,
     find_fit_test,
     fit_surface,
@@ -132,14 +130,14 @@ def calibrate(
 def summarise(fit: Fit, seed: int) -> CalibrationResult:
     """Return the result of a fit, with its checks."""
     rng = np.random.default_rng((seed, 1))
-    estimates, predicted = tuple(find_estimates(fit)), tuple(predict(fit, rng))
-    left_out: tuple[Prediction, ...] = ()
-    tested: FitTest | None = None
-    with analysis('the check without each of the parts'):
-        left_out = tuple(predict(fit, rng, left_out=True))
-    with analysis('the test of the fit'):
-        tested = find_fit_test(fit, rng)
-    return CalibrationResult(fit, estimates, predicted, left_out, tested, seed)
+    return CalibrationResult(
+        fit,
+        tuple(find_estimates(fit)),
+        tuple(predict(fit, rng)),
+        tuple(predict(fit, rng, left_out=True)),
+        find_fit_test(fit, rng),
+        seed,
+    )
 
 
 def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:

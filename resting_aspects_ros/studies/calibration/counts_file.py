@@ -1,13 +1,14 @@
 """A counts file: parts that were counted on one surface, and what is known of the release."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import StrictStr
+from pydantic import StrictInt, StrictStr
 
+from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.api.counts import parse_group
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -22,6 +23,7 @@ from resting_aspects_ros.errors import (
 )
 from resting_aspects_ros.input_files import (
     MAX_COUNTED,
+    Count,
     FileModel,
     Number,
     Positive,
@@ -33,6 +35,7 @@ from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.part.part import DEFAULT_UNIT, Part, valid_name
 from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_SURFACE,
     QUANTITIES,
     DropConditions,
     check_name,
@@ -174,8 +177,8 @@ class CountedEntry(FileModel):
 
     name: StrictStr = ''
     unit: StrictStr | None = None
-    counts: Any = None
-    drops: Any = None
+    counts: dict[StrictInt | StrictStr, Count]
+    drops: Count | None = None
     conditions: dict[StrictStr, Any] | None = None
     part: StrictStr | None = None
     mesh: StrictStr | None = None
@@ -196,13 +199,8 @@ class CountedEntry(FileModel):
 
 def read_surface_counts(path: Path) -> SurfaceCounts:
     """Read a file; raises RestingAspectsError with one line that names the entry."""
-    label = named('counts file', path)
-    if path.suffix == '.csv':
-        raise InvalidValueError(
-            f'invalid {label}: expected YAML with a surface and parts; a CSV of counts is for '
-            '`compare` and `report --against`'
-        )
-    return make_surface_counts(read_yaml(path, 'counts file', MAX_BYTES), path.parent, label)
+    document = read_yaml(path, 'counts file', MAX_BYTES)
+    return make_surface_counts(document, path.parent, named('counts file', path))
 
 
 def make_surface_counts(document: Any, folder: Path, label: str = 'counts') -> SurfaceCounts:
@@ -214,7 +212,7 @@ def make_surface_counts(document: Any, folder: Path, label: str = 'counts') -> S
             raise InvalidValueError(
                 f'invalid parts {shown(given.parts)}: expected {EXPECTED["parts"]}'
             )
-        factors, base = _conditions(given.conditions, given.way, _known_of_all(given.parts))
+        factors, base = _conditions(given.conditions, given.way)
         fitted = {factor.name for factor in factors}
     parts = [
         _part(entry, folder, f'{label}, part {number}', fitted, base)
@@ -231,24 +229,12 @@ def make_surface_counts(document: Any, folder: Path, label: str = 'counts') -> S
     return SurfaceCounts(surface, one_line(source, 1000), given.way, factors, base, tuple(parts))
 
 
-def _known_of_all(entries: list[Any]) -> dict[str, Any]:
-    """Return the conditions that each part states, with the values of the first."""
-    stated = [
-        entry['conditions']
-        for entry in entries
-        if isinstance(entry, Mapping) and isinstance(entry.get('conditions'), Mapping)
-    ]
-    if len(stated) < len(entries):
-        return {}
-    return {k: v for k, v in stated[0].items() if k in QUANTITIES and all(k in s for s in stated)}
-
-
 def _conditions(
-    given: Mapping[str, Any] | None, way: str, known_of_all: Mapping[str, Any]
+    given: Mapping[str, Any] | None, way: str
 ) -> tuple[tuple[Factor, ...], DropConditions]:
     """Return what is fitted and what is known; raises InvalidValueError."""
     with located('conditions'):
-        both = {**WAYS[way], **known_of_all, **(given or {})}
+        both = {**WAYS[way], **(given or {})}
         ranges = {
             k: v
             for k, v in both.items()
@@ -256,18 +242,15 @@ def _conditions(
         }
         known = condition_values({k: v for k, v in both.items() if k not in ranges})
         # A factor needs unit and bounds only, which all conditions have.
-        middle: dict[str, Any] = {
-            name: QUANTITIES[name].low or 1.0 for name in ranges if name in QUANTITIES
-        }
-        base = DropConditions(**middle, **known)
-        by_name = {k: read_factor(k, each, Setting(base)) for k, each in ranges.items()}
+        default = Setting(shipped_surfaces().get(DEFAULT_SURFACE))
+        by_name = {k: read_factor(k, each, default) for k, each in ranges.items()}
         factors = tuple(by_name[name] for name in QUANTITIES if name in by_name)
         if not factors:
             raise InvalidValueError(
                 'invalid conditions: all values are known: expected a range for one or more'
             )
-    middles = {f.name: float(f.values(np.array([0.5]))[0]) for f in factors}
-    return factors, base.changed(**middles)
+        middles = {f.name: float(f.values(np.array([0.5]))[0]) for f in factors}
+        return factors, DropConditions(**{**known, **middles})
 
 
 def _part(
@@ -287,8 +270,8 @@ def _part(
             base.changed(**values)  # checks the values
         if both := sorted(fitted & set(values)):
             raise InvalidValueError(
-                f'invalid {both[0]}: it is fitted for all parts: expected it known for all '
-                'parts, or not stated here'
+                f'invalid {both[0]}: it is fitted for all parts: expected it in the conditions of '
+                'all parts, too, or not stated here'
             )
     if counts.max() == counts.sum():
         warn(
@@ -332,33 +315,42 @@ def _spanning(points: list[tuple[float, float, float]]) -> Array:
 
 
 def read_groups(
-    given: Any, drops: Any, kind: str, aspects: AspectSet
+    given: Mapping[int | str, int], drops: int | None, kind: str, aspects: AspectSet
 ) -> tuple[tuple[tuple[int, ...], ...], tuple[str, ...], Counts]:
     """Return groups of aspects, their names and their counts from a mapping of names to counts.
 
     ``drops`` is the stated sum, or None. Raises InvalidValueError if names are unknown or count
     an aspect twice, if aspects are missing, or if the counts do not add up to the stated sum.
     """
-    if not isinstance(given, Mapping) or not given:
-        raise InvalidValueError(f'invalid counts {shown(given)}: expected a mapping')
-    numbers = {
-        (key if isinstance(key, str) else shown(key)).strip().lower(): _count(value, key)
-        for key, value in given.items()
-    }
+    numbers = {str(name).strip().lower(): count for name, count in given.items()}
     if len(numbers) < len(given):
         raise InvalidValueError(f'invalid counts {shown(given)}: expected each name once')
     ignored, rest = numbers.pop(IGNORED, 0), numbers.pop(REST, None)
     groups = _named_groups(numbers, kind, aspects)
-    left = {a.id for a in aspects} - {k for ids in groups.values() for k in ids}
-    rest = _rest(rest, drops, sum(numbers.values()) + ignored, left)
+    left = {a.id for a in aspects} - {number for ids in groups.values() for number in ids}
+    if rest is None and drops is not None:
+        rest = max(0, drops - ignored - sum(numbers.values()))
+    if left and rest is None:
+        raise InvalidValueError(
+            f'invalid counts: aspects {shown(sorted(left))} are missing: expected a count of each '
+            f'(0 if it was never seen), or {REST}, or drops, the number of all drops'
+        )
+    if rest and not left:
+        raise InvalidValueError(
+            f'invalid {REST} {rest}: expected 0, because all aspects are counted'
+        )
     if left:
-        groups[REST], numbers[REST] = tuple(sorted(left)), rest
+        groups[REST], numbers[REST] = tuple(sorted(left)), rest or 0
+    counts = np.array([numbers[name] for name in groups], dtype=np.int64)
+    if drops not in (None, ignored + counts.sum()):
+        raise InvalidValueError(
+            f'invalid drops {drops}: expected the sum of the counts, {ignored + counts.sum()}'
+        )
     if len(groups) < 2:
         raise InvalidValueError(
             'invalid counts: all aspects are in one group, which says nothing about '
             'the surface: expected two or more'
         )
-    counts = np.array([numbers[name] for name in groups], dtype=np.int64)
     if not 1 <= counts.sum() <= MAX_COUNTED:
         raise InvalidValueError(
             f'invalid number of drops {counts.sum()}: expected 1 to {MAX_COUNTED}'
@@ -366,46 +358,14 @@ def read_groups(
     return tuple(groups.values()), tuple(groups), counts
 
 
-def _count(value: Any, name: object) -> int:
-    if type(value) is not int or not 0 <= value <= MAX_COUNTED:
-        raise InvalidValueError(
-            f'invalid count {shown(value)} of {shown(name)}: expected an integer from 0 '
-            f'to {MAX_COUNTED}'
-        )
-    return value
-
-
-def _rest(rest: int | None, drops: Any, counted: int, left: set[int]) -> int:
-    """Return the count of the aspects that are left; raises InvalidValueError."""
-    total = None if drops is None else _count(drops, 'drops')
-    if rest is None and left:
-        if total is None:
-            some = ', '.join(map(str, sorted(left)[:10])) + (' and more' if len(left) > 10 else '')
-            raise InvalidValueError(
-                f'invalid counts: aspects {some} are missing: expected a count of '
-                f'each (0 if it was never seen), or {REST}, or drops, the number of all drops'
-            )
-        rest = max(0, total - counted)
-    known = rest or 0
-    if total is not None and counted + known != total:
-        raise InvalidValueError(
-            f'invalid drops {total}: expected the sum of the counts, {counted + known}'
-        )
-    if known and not left:
-        raise InvalidValueError(
-            f'invalid {REST} {rest}: expected 0, because all aspects are counted'
-        )
-    return known
-
-
 def _named_groups(
-    numbers: Mapping[str, int], kind: str, aspects: AspectSet
+    names: Iterable[str], kind: str, aspects: AspectSet
 ) -> dict[str, tuple[int, ...]]:
     """Return the ids of the aspects of each name; raises InvalidValueError if two overlap."""
     groups: dict[str, tuple[int, ...]] = {}
-    for name in numbers:
-        ids = _side_ids(kind, name, aspects) or _ids(name, aspects)
-        if twice := {k for other in groups.values() for k in other} & set(ids):
+    for name in names:
+        ids = _ids(name, kind, aspects)
+        if twice := {number for other in groups.values() for number in other} & set(ids):
             raise InvalidValueError(
                 f'invalid counts: {shown(name)} counts aspect {min(twice)} again: '
                 'expected each aspect once'
@@ -414,38 +374,30 @@ def _named_groups(
     return groups
 
 
-def _side_ids(kind: str, name: str, aspects: AspectSet) -> tuple[int, ...]:
-    """Return the ids of the aspects on the sides that a name stands for; empty for other names.
+def _ids(name: str, kind: str, aspects: AspectSet) -> tuple[int, ...]:
+    """Return the ids of the aspects that a name stands for; raises InvalidValueError.
 
     Of a box, x, y or z are the two sides across that axis; of a cylinder, ``end`` and ``side``.
     """
     axes = {'box': {'x': 0, 'y': 1, 'z': 2}, 'cylinder': {'end': 2, 'side': 2}}.get(kind, {})
-    if name not in axes:
-        return ()
-    along = np.array([abs(a.down_in_part[axes[name]]) for a in aspects])
-    inside = (along > np.cos(AXIS_ANGLE)) != (name == 'side')
-    return tuple(a.id for a, chosen in zip(aspects, inside, strict=True) if chosen)
-
-
-def _ids(name: str, aspects: AspectSet) -> tuple[int, ...]:
-    """Return the ids of the aspects of a class, classes or an aspect; raises InvalidValueError."""
-    prefix, _, digits = name.partition('_')
-    if prefix == 'aspect' and digits.isascii() and digits.isdecimal():
-        found = [a.id for a in aspects if str(a.id) == digits.lstrip('0')]
-        known = f'aspects 1 to {len(aspects)}'
+    group, (prefix, _, digits) = parse_group(name), name.partition('_')
+    if name in axes:
+        along = np.array([abs(a.down_in_part[axes[name]]) for a in aspects])
+        inside = (along > np.cos(AXIS_ANGLE)) != (name == 'side')
+        return tuple(a.id for a, chosen in zip(aspects, inside, strict=True) if chosen)
+    if group is not None:
+        known, text = {a.symmetry_class for a in aspects}, 'classes'
+        found = tuple(a.id for a in aspects if a.symmetry_class in group)
+    elif prefix == 'aspect' and digits.isascii() and digits.isdecimal():
+        known, text = {a.id for a in aspects}, 'aspects'
+        group = found = (int(digits),) if len(digits) < 10 else (0,)
     else:
-        group = parse_group(name)
-        classes = {a.symmetry_class for a in aspects}
-        if group is None:
-            raise InvalidValueError(
-                f'invalid name {shown(name)} of a count: expected {EXPECTED["count"]}'
-            )
-        inside = set(group) <= classes
-        found = [a.id for a in aspects if inside and a.symmetry_class in group]
-        known = f'classes 1 to {max(classes)}'
-    if not found:
         raise InvalidValueError(
-            f'invalid name {shown(name)} of a count: the part has {known}; see '
+            f'invalid name {shown(name)} of a count: expected {EXPECTED["count"]}'
+        )
+    if not set(group) <= known:
+        raise InvalidValueError(
+            f'invalid name {shown(name)} of a count: the part has {text} 1 to {max(known)}; see '
             'resting_aspects aspects'
         )
-    return tuple(found)
+    return found

@@ -224,16 +224,6 @@ class Fit:
         """Number of all simulated drops."""
         return int(sum(each.sum() for each in self.simulated))
 
-    @property
-    def errors(self) -> Array:
-        """(p,) standard deviation of the interpolated shares over that of the counted ones."""
-        weights = self.weights()
-        excess = float(weights.sum(axis=1) @ self.discrepancies**2)
-        pairs = zip(self.given.parts, self.shares, strict=True)
-        return np.sqrt(
-            [weights.sum(axis=0) @ e / (1 / part.drops + excess) for part, (_, e) in pairs]
-        )
-
     def draws(self, size: int, rng: np.random.Generator) -> Array:
         """Return points (size, d) of the unit cube, drawn from the posterior."""
         return self.candidates[rng.choice(len(self.candidates), size, p=self.weights().sum(0))]
@@ -389,16 +379,14 @@ class Estimate:
 class Prediction:
     """Shares of the groups of a part; each array is (g,).
 
-    model, model_low, model_high : float
-        Mean and interval of the shares in the simulation.
+    model : float
+        Mean of the shares in the simulation.
     low, high : float
         Interval of the shares of as many drops as were counted, with the discrepancy.
     """
 
     counted: Array
     model: Array
-    model_low: Array
-    model_high: Array
     low: Array
     high: Array
 
@@ -506,9 +494,7 @@ def _prediction(fit: Fit, k: int, weights: Array, rng: np.random.Generator) -> P
     real = dirichlet(model, fit.discrepancies[row] ** 2, rng)
     observed = rng.multinomial(part.drops, real) / part.drops
     tails = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
-    of_model = containing(mean, *np.quantile(model, tails, axis=0))
-    of_counts = containing(mean, *np.quantile(observed, tails, axis=0))
-    return Prediction(part.shares, mean, *of_model, *of_counts)
+    return Prediction(part.shares, mean, *containing(mean, *np.quantile(observed, tails, axis=0)))
 
 
 def dirichlet(shares: Array, rho: Array, rng: np.random.Generator) -> Array:

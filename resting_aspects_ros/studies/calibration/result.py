@@ -36,8 +36,6 @@ SCHEMA_VERSION = 4
 DRAWS, SAMPLES = 200, 64
 # Below this probability, the counts are said to contradict every surface.
 SIGNIFICANCE = 0.05
-# The simulated shares are said to be too uncertain above this share of that of the counted ones.
-MAX_ERROR = 1.0
 # Factors are said to trade off if their correlation is at least this.
 TRADE_OFF = 0.5
 # An interval is cut off if it ends within this share of its range.
@@ -63,8 +61,8 @@ class CalibrationResult(Result):
         Of each part, from the counts of all parts.
     left_out : tuple of Prediction
         Of each part, from the counts of the others; empty if there is one part.
-    test : FitTest or None
-        Whether any surface in the ranges explains the counts; None if the test failed.
+    test : FitTest
+        Whether any surface in the ranges explains the counts.
     fit : Fit
     """
 
@@ -72,7 +70,7 @@ class CalibrationResult(Result):
     estimates: tuple[Estimate, ...]
     predictions: tuple[Prediction, ...]
     left_out: tuple[Prediction, ...]
-    test: FitTest | None
+    test: FitTest
     seed: int
 
     @property
@@ -104,7 +102,7 @@ class CalibrationResult(Result):
     @property
     def contradicted(self) -> bool:
         """Whether no surface in the ranges explains the counts."""
-        return self.test is not None and self.test.p < SIGNIFICANCE
+        return self.test.p < SIGNIFICANCE
 
     def draws(self, size: int = DRAWS) -> list[dict[str, float]]:
         """Return conditions that are drawn from the posterior, as values of the factors."""
@@ -127,7 +125,7 @@ class CalibrationResult(Result):
             'conditions': {**conditions, 'height_of': self.conditions.height_of.name},
             'estimates': [_estimate(each) for each in self.estimates],
             'discrepancy': {'mean': mean, 'low': low, 'high': high} if fit.discrepancy else None,
-            'test': self.test and {'statistic': self.test.statistic, 'p': self.test.p},
+            'test': {'statistic': self.test.statistic, 'p': self.test.p},
             'contradicted': self.contradicted,
             'parts': [
                 {
@@ -143,7 +141,6 @@ class CalibrationResult(Result):
             'left_out_deviation': self.left_out_deviation if self.left_out else None,
             'simulated_drops': fit.simulated_drops,
             'points': len(fit.points),
-            'error_of_shares': fit.errors.tolist(),
             'check': None if fit.checked is None else self.check_deviation,
             'seed': self.seed,
             'draws': self.draws(),
@@ -237,9 +234,7 @@ def _on_agreement(result: CalibrationResult) -> Iterator[str]:
     *most, last = (each.factor.label for each in result.estimates)
     fitted = f'{", ".join(most)} or {last}' if most else last
     deviating = ', deviating as measured bodies do' if result.fit.discrepancy else ''
-    if result.test is None:
-        yield 'Whether the simulation can explain these counts could not be tested.'
-    elif not result.contradicted:
+    if not result.contradicted:
         yield f'The simulation can explain these counts{deviating} (p = {result.test.p:.2g}).'
     else:
         part = result.fit.given.parts[result.test.part]
@@ -249,19 +244,13 @@ def _on_agreement(result: CalibrationResult) -> Iterator[str]:
             f'(p = {result.test.p:.2g}), least of all the share of {group} of {part.name}: check '
             'the counts, the release and the ranges before using these values.'
         )
-    if not result.fit.discrepancy:
-        return
-    mean, low, high = find_discrepancy(result.fit)
-    if len(result.fit.given.parts) == 1:
+    # The counts of one part cannot tell the discrepancy.
+    if result.fit.discrepancy and len(result.fit.given.parts) > 1:
+        mean, low, high = find_discrepancy(result.fit)
         yield (
-            f'A deviation of the simulation by {50 * mean:.1f} points at a share of 50 % '
-            '(standard deviation) is assumed: the counts of one part cannot tell it.'
+            f'Beyond sampling, a share of 50 % deviates from the simulation by {50 * mean:.1f} '
+            f'points (standard deviation; 90 % interval {50 * low:.1f} to {50 * high:.1f}).'
         )
-        return
-    yield (
-        f'Beyond sampling, a share of 50 % deviates from the simulation by {50 * mean:.1f} points '
-        f'(standard deviation; 90 % interval {50 * low:.1f} to {50 * high:.1f}).'
-    )
 
 
 def _on_estimate(each: Estimate) -> str:
@@ -311,12 +300,6 @@ def _on_left_out(result: CalibrationResult) -> Iterator[str]:
 
 def _on_simulation(result: CalibrationResult) -> Iterator[str]:
     """Say how exact the simulated shares are."""
-    worst = float(result.fit.errors.max())
-    if worst > MAX_ERROR:
-        yield (
-            f'The simulated shares have an error of {worst:.2f} of that of the counts, which '
-            'widens the intervals: more drops (--drops) or points (--points) would help.'
-        )
     if result.fit.checked is None:
         yield 'The most probable conditions were not checked by drops.'
     else:

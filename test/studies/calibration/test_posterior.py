@@ -277,10 +277,9 @@ def test_log_odds_deviate_as_those_of_measured_bodies(shares):
 def test_predictions_are_near_the_truth(agreeing):
     for k, each in enumerate(predict(agreeing, rng())):
         assert each.counted == pytest.approx(agreeing.given.parts[k].shares)
-        assert (each.model_low < each.model).all()
-        assert (each.model < each.model_high).all()
-        # Sampling, and then also the discrepancy: wider than the model alone.
-        assert ((each.high - each.low) > (each.model_high - each.model_low)).all()
+        # Wider than sampling alone, with the discrepancy.
+        sampling = np.sqrt(each.model * (1 - each.model) / agreeing.given.parts[k].drops)
+        assert (each.high - each.low > 2 * 1.5 * sampling).all()
         assert each.inside
         assert each.deviation < 0.05
         assert each.model.sum() == pytest.approx(1)
