@@ -14,9 +14,9 @@ from scipy.spatial import KDTree
 from scipy.stats import norm
 
 from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
-from resting_aspects_ros.api.result import make_folder, whole_file
+from resting_aspects_ros.api.result import make_folder
 from resting_aspects_ros.api.runner import Progress, given_workers, never
-from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import (
     EngineError,
@@ -26,11 +26,10 @@ from resting_aspects_ros.errors import (
     analysis,
     shown,
 )
-from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.part.library import PartLibrary, load_part, mesh_file
 from resting_aspects_ros.part.loading import FILE_FORMATS
 from resting_aspects_ros.part.near import face_normals
-from resting_aspects_ros.part.part import UNITS, Part
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     DEFAULT_SURFACE,
@@ -94,20 +93,9 @@ def _is_name(given: str | Path) -> bool:
     return mesh_file(given) is None and str(given) in PartLibrary(parts_folder()).names()
 
 
-def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> list[Part]:
-    """Return parts with different names; files are relative to the folder ``base``."""
-    found: list[Part] = []
-    for each in given:
-        if isinstance(each, Part):
-            found.append(each)
-            continue
-        path = mesh_file(each)
-        if base is not None and not _is_name(each) and (base / each).is_dir():
-            path = Path(each)
-        if path is not None and base is not None:
-            path = base / path
-        sources = part_sources([path or each])
-        found += [load_part(source) for source in sources if not isinstance(source, Part)]
+def load_parts(given: Part | str | Path | Sequence[Part | str | Path]) -> list[Part]:
+    """Return parts with different names; see part_sources."""
+    found = [each if isinstance(each, Part) else load_part(each) for each in part_sources(given)]
     names = [part.name for part in found]
     for name in names:
         if names.count(name) > 1:
@@ -117,42 +105,6 @@ def load_parts(given: Sequence[Part | str | Path], base: Path | None = None) -> 
     if not found:
         raise InvalidValueError('missing part: expected a name or a mesh file')
     return found
-
-
-def save_part(part: Part, folder: Path) -> str:
-    """Write the mesh and the YAML file of a part; returns the path of the mesh in the folder.
-
-    The part that is read from them has the same hash. Raises OutputError.
-    """
-    (folder / PARTS).mkdir(parents=True, exist_ok=True)
-    mesh = folder / PARTS / f'{part.name}.{part.mesh_format}'
-    with whole_file(mesh) as file:
-        file.write_bytes(part.mesh_bytes)
-    for values in _descriptions(part):
-        with whole_file(mesh.with_suffix('.yaml')) as file:
-            file.write_text(yaml_text(values), encoding='utf-8')
-        try:
-            if load_part(mesh).part_sha256 == part.part_sha256:
-                break
-        except RestingAspectsError:
-            continue
-    return f'{PARTS}/{mesh.name}'
-
-
-def _descriptions(part: Part) -> Iterator[dict[str, Any]]:
-    """Yield descriptions with more and more of the values that may have been given."""
-    values: dict[str, Any] = {'unit': part.unit}
-    if part.body:
-        values['body'] = part.body
-    yield values
-    values = {**values, 'mass': part.mass}
-    yield values
-    centre = (part.centre_of_mass / UNITS[part.unit]).tolist()
-    values = {**values, 'centre_of_mass': centre}
-    yield values
-    i = part.inertia
-    inertia = [i[0, 0], i[0, 1], i[0, 2], i[1, 1], i[1, 2], i[2, 2]]
-    yield {**values, 'inertia': [float(each) for each in inertia]}
 
 
 def match_aspects(
@@ -224,14 +176,13 @@ def _surface_points(part: Part) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SharedClass:
-    """A class that two designs share, over the points that both have.
+    """A class that two designs share.
 
     first, second : int
         Its numbers in the designs, from 1.
     first_share, second_share : float
-        Means over the points.
     difference, lower, upper : float
-        Mean of second - first, with its interval.
+        Second share - first share, with its interval.
     """
 
     first: int
@@ -254,27 +205,21 @@ class CaseComparison:
 
 
 def compare_cases(cases: Sequence[Case], confidence: float) -> Iterator[CaseComparison]:
-    """Yield a comparison of each pair of designs that are dropped."""
-    dropped = [case for case in cases if case.start is None]
-    for first, second in itertools.combinations(dropped, 2):
+    """Yield a comparison of each pair of designs, which are dropped at one point each."""
+    for first, second in itertools.combinations(cases, 2):
         pairs, apart = match_aspects(first.part, first.aspects, second.part, second.aspects)
-        both = np.flatnonzero((first.drops > 0) & (second.drops > 0))
-        shared = tuple(
-            _shared(first, second, a, b, both, confidence) for a, b in pairs if len(both)
-        )
+        shared = tuple(_shared(first, second, a, b, confidence) for a, b in pairs)
         yield CaseComparison(first, second, shared, apart)
 
 
-def _shared(
-    first: Case, second: Case, a: int, b: int, both: Counts, confidence: float
-) -> SharedClass:
+def _shared(first: Case, second: Case, a: int, b: int, confidence: float) -> SharedClass:
     shares, variance = [], 0.0
     for case, number in ((first, a), (second, b)):
-        counts, drops = case.classes[both, number - 1], case.drops[both]
-        # A point with no drop in a class still has a chance of it: add half a drop to each side.
-        smooth = (counts + 0.5) / (drops + 1)
-        variance += float((smooth * (1 - smooth) / drops).sum()) / len(both) ** 2
-        shares.append(float((counts / drops).mean()))
+        count, drops = int(case.classes[0, number - 1]), max(int(case.drops[0]), 1)
+        # Without a drop in a class there is still a chance of it: add half a drop to each side.
+        smooth = (count + 0.5) / (drops + 1)
+        variance += smooth * (1 - smooth) / drops
+        shares.append(count / drops)
     difference = shares[1] - shares[0]
     reach = float(norm.ppf((1 + confidence) / 2)) * variance**0.5
     return SharedClass(

@@ -14,22 +14,19 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.stats import qmc
 
-from resting_aspects_ros.api.conditions import given_conditions, shipped_surfaces
+from resting_aspects_ros.api.conditions import given_conditions
 from resting_aspects_ros.api.model_range import covered_text, missing_at
 from resting_aspects_ros.api.plan import check_height, named_action
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.actions import DEFAULT_TIME, KINDS, NamedAction, make_action
+from resting_aspects_ros.simulation.actions import NamedAction, make_action
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
     DropConditions,
     HeightOf,
     Quantity,
-    Surfaces,
-    check_name,
-    described_kind,
     quantities_of,
 )
 from resting_aspects_ros.simulation.starts import Action
@@ -38,7 +35,6 @@ from resting_aspects_ros.simulation.surroundings import (
     RELEASE_VALUES,
     Surroundings,
     changed_surroundings,
-    make_surroundings,
     named_surroundings,
 )
 
@@ -92,7 +88,7 @@ class Setting:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The setting as plain values, as `read_setting` reads it."""
+        """The setting as plain values."""
         conditions = self.conditions.document()
         conditions.pop('surroundings')
         conditions['height_of'] = HeightOf(self.conditions.height_of).name
@@ -198,35 +194,6 @@ def given_setting(
     )
 
 
-def read_setting(
-    surface: str,
-    conditions: Mapping[str, float | str],
-    surroundings: Any,
-    action: Any,
-    folder: Path | None = None,
-    surfaces: Surfaces | None = None,
-) -> Setting:
-    """Return a setting of names, texts and mappings, as files have them; InvalidValueError.
-
-    Files are relative to ``folder``. The surface is one of ``surfaces``, by default of the suite.
-    """
-    return Setting(
-        _conditions(surface, conditions, surfaces or shipped_surfaces()),
-        _surroundings(surroundings, folder),
-        _action(action),
-    )
-
-
-def _conditions(
-    surface: str, changes: Mapping[str, float | str], surfaces: Surfaces
-) -> DropConditions:
-    values = condition_values(changes)
-    if len(values) > len(QUANTITIES) and surface not in ('', *surfaces.names()):
-        # A saved study has all values of a surface whose file need not exist any more.
-        return DropConditions(surface=check_name('a surface', surface), **values)
-    return surfaces.get(surface).changed(**values)
-
-
 def condition_values(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return conditions that are numbers or texts with a unit in SI units; InvalidValueError."""
     values: dict[str, Any] = {}
@@ -241,27 +208,6 @@ def condition_values(given: Mapping[str, Any]) -> dict[str, Any]:
                 f'invalid condition {shown(name)}: expected one of {", ".join(QUANTITIES)}'
             )
     return values
-
-
-def _surroundings(given: Any, folder: Path | None) -> Surroundings | None:
-    if given is None or isinstance(given, Surroundings):
-        return given
-    if not isinstance(given, str):
-        return make_surroundings(given)
-    is_file = folder is not None and given.endswith(('.yaml', '.yml'))
-    return named_surroundings(folder / given if is_file and folder is not None else given)
-
-
-def _action(given: Any) -> NamedAction | None:
-    if given is None:
-        return None
-    if isinstance(given, str):
-        return named_action(given)
-    kind, values, _ = described_kind('action', given, KINDS)
-    name, time = values.pop('name', kind), values.pop('time', DEFAULT_TIME)
-    if not isinstance(name, str):
-        raise InvalidValueError(f'invalid name {shown(name)} of an action: expected text')
-    return NamedAction(name, make_action(kind, values), time)
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,6 @@ def case_pictures(case: Case) -> list[str]:
 def study_page(result: 'StudyResult', file: str) -> Page:
     """Return the page of a study."""
     spec = result.spec
-    pictures = {id(case): case_pictures(case) for case in result.cases}
     drops = sum(int(case.drops.sum()) for case in result.cases)
     several = len(result.cases) > 1
     findings = [
@@ -118,11 +117,10 @@ def study_page(result: 'StudyResult', file: str) -> Page:
                 Section(
                     case.name,
                     f'case-{k}',
-                    list(_case_items(result, k, case, effects, pictures[id(case)])),
+                    list(_case_items(result, k, case, effects)),
                 )
                 for k, (case, effects) in enumerate(cases, start=1)
             ),
-            *_comparison_sections(result.comparisons, pictures, spec.confidence),
         ],
         reading=reading('study', tolerance=points_text(spec.tolerance)),
         facts=_study_facts(result),
@@ -131,7 +129,7 @@ def study_page(result: 'StudyResult', file: str) -> Page:
 
 
 def _case_items(
-    result: 'StudyResult', k: int, case: Case, effects: Effects | None, pictures: list[str]
+    result: 'StudyResult', k: int, case: Case, effects: Effects | None
 ) -> Iterator[Item]:
     """Yield the items of the section of a case."""
     made = case.drops > 0
@@ -141,7 +139,7 @@ def _case_items(
         low, high = ranges[made, :, 0].min(axis=0), ranges[made, :, 1].max(axis=0)
         for text, *ends in zip(texts, low, high, strict=False):
             text.append(f'model range {_percents(*ends)}')
-    yield _gallery(case.columns, case_colours(case), [*pictures, ''], texts)
+    yield _gallery(case.columns, case_colours(case), [*case_pictures(case), ''], texts)
     yield result.spec.base.range_text
     if effects is None or not any(effects.factors):
         yield Text(
@@ -425,24 +423,21 @@ def comparison_items(
             f'{difference:+.1f} points\n{100 * each.lower:+.1f} to {100 * each.upper:+.1f}',
         )
     yield table
-    means = 'Shares are means over the points that both have. ' if len(first.drops) > 1 else ''
     ranges = 'Below the shares: model ranges. ' if first.model or second.model else ''
     yield (
-        f'{means}{ranges}The difference is {second.name} minus {first.name}, in percentage '
+        f'{ranges}The difference is {second.name} minus {first.name}, in percentage '
         f'points; small: {100 * confidence:g} % interval. The shapes are {found.apart:.2g} of the '
         'part radius apart on average.'
     )
-    both = (first.drops > 0) & (second.drops > 0)
     alone = []
     for case, shared in (
         (first, {each.first for each in found.shared}),
         (second, {each.second for each in found.shared}),
     ):
-        shares = (case.classes[both] / case.drops[both, None]).mean(axis=0)
-        named = enumerate(zip(case.class_names, shares.tolist(), strict=True))
+        shares = case.classes[0] / max(int(case.drops[0]), 1)
         names = [
             f'{name} ({_share(share, case, k, ", model range ")})'
-            for k, (name, share) in named
+            for k, (name, share) in enumerate(zip(case.class_names, shares.tolist(), strict=True))
             if k + 1 not in shared
         ]
         if names:

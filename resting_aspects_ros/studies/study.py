@@ -1,36 +1,24 @@
-"""Study what the aspects of parts depend on: drops over ranges of conditions.
-
-The description of a study, its run and its result belong together; most lines are documentation.
-"""
+"""Study what the aspects of parts depend on: drops over ranges of conditions."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import StrictInt, StrictStr
 
-from resting_aspects_ros.api.result import Result, make_folder, whole_file, write_rows
+from resting_aspects_ros.api.result import Result, make_folder, write_rows
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown
-from resting_aspects_ros.input_files import (
-    FileModel,
-    Number,
-    named,
-    read_yaml,
-    validated,
-    yaml_text,
-)
+from resting_aspects_ros.errors import InvalidValueError, analysis, shown
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     DEFAULT_SURFACE,
     DropConditions,
-    Surfaces,
     check_drops,
     check_seed,
 )
@@ -40,11 +28,10 @@ from resting_aspects_ros.simulation.workers import Workers, worker_versions
 from resting_aspects_ros.statistics.distribution import OUTSIDE
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, bounds, check_confidence
 from resting_aspects_ros.statistics.model_range import model_bounds
-from resting_aspects_ros.studies.batch import CaseComparison, compare_cases, load_parts, save_part
+from resting_aspects_ros.studies.batch import load_parts
 from resting_aspects_ros.studies.design import (
     DEFAULT_DESIGN,
     DEFAULT_POINTS,
-    DESIGNS,
     Design,
     Factor,
     Setting,
@@ -53,15 +40,8 @@ from resting_aspects_ros.studies.design import (
     make_design,
     point_values,
     read_factor,
-    read_setting,
 )
-from resting_aspects_ros.studies.effects import (
-    Effects,
-    Finding,
-    effects_of,
-    entropy,
-    findings_of,
-)
+from resting_aspects_ros.studies.effects import Effects, Finding, effects_of, entropy, findings_of
 from resting_aspects_ros.studies.points import (
     STORE,
     Case,
@@ -80,20 +60,12 @@ from resting_aspects_ros.studies.points import (
 if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page
 
-SPEC, CSV, PAGE = 'study.yaml', 'results.csv', 'page.html'
+DOCUMENT, CSV, PAGE = 'study.json', 'results.csv', 'page.html'
 # Drops of all points together by default, with an action from each aspect a fifth of them; and the
 # bounds of those of one point.
 ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 200_000, 400, 10_000, 5
 # A change of a share that matters to the reader of the page.
 DEFAULT_TOLERANCE = 0.05
-EXPECTED = {
-    'parts': 'the name of a part, a mesh file or a list of them',
-    'surface': 'the name of a surface',
-    'conditions': 'a mapping of conditions to numbers, or texts with a unit',
-    'vary': 'a mapping of factors to ranges',
-    'design': f'one of {", ".join(DESIGNS)}',
-    'points': 'a number of points',
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +74,8 @@ class StudySpec:
 
     base : Setting
         What is simulated, but for the factors.
+    design : str
+        One of DESIGNS.
     points : int
         Number of base points; see `make_design`.
     drops : int
@@ -145,84 +119,6 @@ class StudySpec:
         """Return the points and lines; raises InvalidValueError."""
         return make_design(self.design, self.factors, self.points, self.seed)
 
-    def document(self, parts: Sequence[str]) -> dict[str, Any]:
-        """Return the study as plain values; ``parts`` are the files of its parts."""
-        document: dict[str, Any] = {'parts': list(parts), **self.base.document}
-        document['vary'] = {factor.name: factor.document for factor in self.factors}
-        for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence'):
-            document[name] = getattr(self, name)
-        return document
-
-
-class StudyFile(FileModel):
-    """The file study.yaml; see StudySpec, which checks the bounds of the numbers."""
-
-    parts: StrictStr | list[StrictStr]
-    surface: StrictStr = ''
-    conditions: dict[StrictStr, Number | StrictStr] | None = None
-    surroundings: Any = None
-    action: Any = None
-    vary: dict[StrictStr, Any]
-    design: Literal[tuple(DESIGNS)] = DEFAULT_DESIGN  # type: ignore[valid-type]
-    points: StrictInt = DEFAULT_POINTS
-    drops: StrictInt | None = None
-    seed: StrictInt = DEFAULT_SEED
-    tolerance: Number = DEFAULT_TOLERANCE
-    confidence: Number = CONFIDENCE
-    # What a study was made with.
-    versions: Any = None
-    part_sha256: Any = None
-
-
-def read_spec(
-    path: Path, changes: Mapping[str, Any] | None = None, surfaces: Surfaces | None = None
-) -> StudySpec:
-    """Read a study from a file; ``changes`` replace its values. Raises InvalidValueError."""
-    document = read_yaml(path, 'study')
-    if not isinstance(document, dict):
-        raise InvalidValueError(
-            f'invalid {named("study", path)}: expected a mapping with parts and vary'
-        )
-    with located(named('study', path)):
-        return make_spec({**document, **(changes or {})}, path.parent, surfaces)
-
-
-def make_spec(
-    document: Mapping[str, Any], folder: Path | None = None, surfaces: Surfaces | None = None
-) -> StudySpec:
-    """Return the study of a mapping; raises InvalidValueError.
-
-    Files are relative to ``folder``. The surface is one of ``surfaces``, by default of the suite.
-    """
-    given = validated(StudyFile, document, expected=EXPECTED)
-    base = read_setting(
-        given.surface, given.conditions or {}, given.surroundings, given.action, folder, surfaces
-    )
-    if given.drops is not None:
-        check_drops(given.drops)
-    return StudySpec(
-        tuple(load_parts([given.parts] if isinstance(given.parts, str) else given.parts, folder)),
-        base,
-        tuple(read_factor(name, each, base) for name, each in given.vary.items()),
-        given.design,
-        given.points,
-        given.drops or 0,
-        given.seed,
-        given.tolerance,
-        given.confidence,
-    )
-
-
-def write_spec(spec: StudySpec, folder: Path, versions: Mapping[str, str]) -> None:
-    """Write the parts and study.yaml; raises OutputError."""
-    document = spec.document([save_part(part, folder) for part in spec.parts])
-    document['part_sha256'] = [part.part_sha256 for part in spec.parts]
-    document['versions'] = dict(versions)
-    text = '# To repeat the study: resting_aspects study study.yaml\n'
-    text += yaml_text(document)
-    with whole_file(folder / SPEC) as file:
-        file.write_text(text, encoding='utf-8')
-
 
 @dataclass(frozen=True, eq=False)
 class StudyResult(Result):
@@ -238,15 +134,12 @@ class StudyResult(Result):
         Counts by part and, for actions, by the class from which they start.
     complete : bool
         Whether all drops are made, except at impossible points.
-    folder : Path or None
-        Where the study is stored.
     """
 
     spec: StudySpec
     design: Design
     cases: tuple[Case, ...]
     complete: bool
-    folder: Path | None = None
 
     @property
     def values(self) -> list[dict[str, float]]:
@@ -287,14 +180,6 @@ class StudyResult(Result):
         found = model_bounds(counts.ravel(), drops, 0.0, self.spec.confidence)
         return found.reshape(*counts.shape, 2)
 
-    @cached_property
-    def comparisons(self) -> list[CaseComparison]:
-        """The parts side by side, in pairs."""
-        found: list[CaseComparison] = []
-        with analysis('the comparison of the parts'):
-            found += compare_cases(self.cases, self.spec.confidence)
-        return found
-
     @property
     def rows(self) -> Iterator[dict[str, Any]]:
         """Rows of the table of results: one for each point, case and class."""
@@ -327,6 +212,25 @@ class StudyResult(Result):
                     'entropy_bit': float(bits[point]) if drops else None,
                     'skipped': case.skipped.get(point, ''),
                 }
+
+    def document(self) -> dict[str, Any]:
+        """Return what was studied, and the findings, as plain JSON types, in SI units."""
+        spec = self.spec
+        return {
+            'schema_version': SCHEMA_VERSION,
+            'parts': {part.name: part.part_sha256 for part in spec.parts},
+            **spec.base.document,
+            'vary': {factor.name: factor.document for factor in spec.factors},
+            'design': spec.design,
+            'points': spec.points,
+            'drops': spec.drops,
+            'seed': spec.seed,
+            'tolerance': spec.tolerance,
+            'confidence': spec.confidence,
+            'complete': self.complete,
+            'findings': self.findings,
+            'versions': worker_versions(),
+        }
 
     def save_tables(self, folder: str | Path) -> Path:
         """Write the rows as results.csv, and return its path; raises OutputError."""
@@ -419,9 +323,8 @@ def study(
     base = given_setting(surface, conditions, surroundings, action)
     if drops is not None:
         check_drops(drops)
-    several = [parts] if isinstance(parts, Part | str | Path) else list(parts)
     spec = StudySpec(
-        tuple(load_parts(several)),
+        tuple(load_parts(parts)),
         base,
         tuple(read_factor(name, each, base) for name, each in vary.items()),
         design,
@@ -431,29 +334,12 @@ def study(
         tolerance,
         confidence,
     )
-    folder = None if out is None else Path(out)
-    return run_study(spec, folder, workers=workers, progress=progress, stopped=stopped)
-
-
-def run_study(
-    spec: StudySpec,
-    folder: Path | None,
-    *,
-    workers: int | Workers | None = None,
-    progress: Progress = False,
-    stopped: Callable[[], bool] = never,
-) -> StudyResult:
-    """Make a study or continue it; see study. Ends early if ``stopped`` returns True."""
-    versions = worker_versions()
-    if folder is not None:
-        make_folder('--out', folder)
-    store = PointStore(folder and folder / STORE, versions)
-    if folder is not None:
-        write_spec(spec, folder, versions)
+    if out is not None:
+        make_folder('--out', Path(out))
+    store = PointStore(None if out is None else Path(out) / STORE, worker_versions())
     with given_workers(workers) as pool:
         run = _StudyRun(spec, store, pool, progress, stopped)
-        cases = run.cases()
-    return StudyResult(spec, run.design, tuple(cases), run.complete, folder)
+        return StudyResult(spec, run.design, tuple(run.cases()), run.complete)
 
 
 class _StudyRun:

@@ -3,7 +3,7 @@
 import argparse
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import (
@@ -13,17 +13,14 @@ from resting_aspects_ros.cli.options import (
     add_share,
     add_surroundings,
     add_workers,
-    refuse,
+    changed_conditions,
 )
-from resting_aspects_ros.errors import InvalidValueError, analysis, shown
-from resting_aspects_ros.simulation.conditions import QUANTITIES
+from resting_aspects_ros.errors import InvalidValueError, analysis
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.studies.study import StudyResult, StudySpec
+    from resting_aspects_ros.studies.study import StudyResult
 
 WIDTH = 80  # of the text
-# Flags of what a study.yaml defines.
-_OF_A_STUDY = ('vary', 'action', 'surface', *QUANTITIES, 'height_of', 'surroundings', 'set')
 DESCRIPTION = """Drop parts at many points of some conditions, and show how much the
 probability of each aspect depends on each condition, and whether it is worth
 while to measure it. A study that was interrupted, or that is given more points,
@@ -34,7 +31,6 @@ EXAMPLES = """examples:
   resting_aspects study old.stl new.stl --vary friction=0.1:0.6 --points 32
   resting_aspects study a.stl --surroundings slope --vary surroundings.angle=0:1
   resting_aspects study l_bracket --action tap --vary action.speed=0.1:0.5
-  resting_aspects study out/study_l_bracket/study.yaml --points 32
 """
 
 
@@ -42,10 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
         'parts',
-        metavar='PART_OR_STUDY',
+        metavar='PART_OR_MESH',
         nargs='+',
-        help='names of parts, mesh files and folders of mesh files; or one study.yaml, which '
-        'describes a study',
+        help='names of parts, mesh files and folders of mesh files',
     )
     group = parser.add_argument_group('design of the study')
     group.add_argument(
@@ -91,8 +86,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_out(
         parser,
-        'folder of study.yaml, points.jsonl, results.csv and page.html; a '
-        'study in it is continued (out/study_ and the part, or the folder of study.yaml)',
+        'folder of study.json, points.jsonl, results.csv and page.html; a study in it is '
+        'continued (out/study_ and the parts)',
     )
     add_workers(parser)
     add_conditions(parser)
@@ -102,65 +97,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        from resting_aspects_ros.studies.study import run_study
+        from resting_aspects_ros.api.conditions import requested_surroundings
+        from resting_aspects_ros.simulation.conditions import all_surfaces
+        from resting_aspects_ros.studies.batch import load_parts
+        from resting_aspects_ros.studies.design import parse_ranges
+        from resting_aspects_ros.studies.study import study
 
-        spec, folder = _requested(arguments)
-        return _show(run_study(spec, folder, **started.options), folder)
-
-
-def _requested(arguments: argparse.Namespace) -> 'tuple[StudySpec, Path]':
-    """Return the requested study and its folder; raises InvalidValueError."""
-    from resting_aspects_ros.simulation.conditions import all_surfaces
-    from resting_aspects_ros.studies.study import SPEC, make_spec, read_spec
-
-    changes: dict[str, Any] = {
-        name: value
-        for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence')
-        if (value := getattr(arguments, name)) is not None
-    }
-    surfaces = all_surfaces(arguments.surfaces)
-    first = Path(arguments.parts[0])
-    if first.is_dir() and (first / SPEC).exists():
-        first /= SPEC
-    if first.suffix.lower() in {'.yaml', '.yml'}:
-        if len(arguments.parts) > 1:
+        if not arguments.vary:
             raise InvalidValueError(
-                f'invalid part {shown(arguments.parts[1])}: expected no parts beside '
-                f'{str(first)!r}, which defines them'
+                'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
             )
-        refuse(arguments, _OF_A_STUDY, f'without {str(first)!r}, which defines it')
-        own = first.parent if first.name == SPEC else Path('out') / first.stem
-        return read_spec(first, changes, surfaces), arguments.out or own
-    spec = make_spec(_document(arguments, changes), surfaces=surfaces)
-    name = '_'.join(part.name for part in spec.parts[:3])
-    return spec, arguments.out or Path('out') / f'study_{name}'
-
-
-def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
-    from resting_aspects_ros.api.conditions import requested_surroundings
-    from resting_aspects_ros.cli.options import changed_conditions
-    from resting_aspects_ros.studies.design import parse_ranges
-
-    if not arguments.vary:
-        raise InvalidValueError(
-            'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
+        parts = load_parts(arguments.parts)
+        name = '_'.join(part.name for part in parts[:3])
+        folder = arguments.out or Path('out') / f'study_{name}'
+        conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
+        numbers = {
+            name: value
+            for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence')
+            if (value := getattr(arguments, name)) is not None
+        }
+        result = study(
+            parts,
+            parse_ranges(arguments.vary),
+            surface=conditions.changed(**changed_conditions(arguments)),
+            surroundings=requested_surroundings(arguments.surroundings, arguments.set),
+            action=arguments.action,
+            out=folder,
+            **numbers,
+            **started.options,
         )
-    return {
-        'parts': arguments.parts,
-        'surface': arguments.surface,
-        'conditions': {
-            name: getattr(value, 'name', value)
-            for name, value in changed_conditions(arguments).items()
-        },
-        'surroundings': requested_surroundings(arguments.surroundings, arguments.set),
-        'action': arguments.action,
-        'vary': parse_ranges(arguments.vary),
-        **changes,
-    }
+        return _show(result, folder)
 
 
 def _show(result: 'StudyResult', folder: Path) -> int:
     """Write the tables and the page, and print the findings; returns the exit code."""
+    from resting_aspects_ros.studies.study import DOCUMENT
+
     for case in result.cases:
         if case.skipped:
             k, reason = min(case.skipped.items())
@@ -172,6 +144,7 @@ def _show(result: 'StudyResult', folder: Path) -> int:
         print('No point has drops.')
     else:
         with analysis('the tables of the results'):
+            result.save_json(folder / DOCUMENT)
             result.save_tables(folder)
         with analysis('the findings'):
             _show_findings(result)
