@@ -364,13 +364,15 @@ def findings_of(
         if effect is not None:
             verdict = effect.verdict(tolerance)
             sentence = f'{title} {_sentence(effect, tolerance, confidence)}'
-            yield Finding(case.name, factor.name, verdict, sentence, _where(effect, case, factor))
+            yield Finding(
+                case.part.name, factor.name, verdict, sentence, _where(effect, case, factor)
+            )
         elif len(case.columns) < 2 and case.drops.any():
             sentence = f'{title} cannot move the shares: all drops are in {case.columns[0]}.'
-            yield Finding(case.name, factor.name, NOT_WORTH, sentence)
+            yield Finding(case.part.name, factor.name, NOT_WORTH, sentence)
         else:
             sentence = f'{title}: too few points with drops to tell what it does.'
-            yield Finding(case.name, factor.name, OPEN, sentence)
+            yield Finding(case.part.name, factor.name, OPEN, sentence)
 
 
 def _sentence(effect: FactorEffect, tolerance: float, confidence: float) -> str:

@@ -310,8 +310,7 @@ class _Search:
         """Return counts (c,) of the outcomes; raises InvalidValueError if it is impossible."""
         made, simulation = setting(), self.simulation
         seed = point_seed(self.seed, simulation.part, made, batch)
-        simulate = simulation.dropped if made.action is None else simulation.dropped_and_acted
-        return self.objective.columns(simulate(made, drops, seed, monitor))
+        return self.objective.columns(simulation.counts(made, drops, seed, monitor))
 
     def found(self) -> OptimiseResult:
         """Search and compare; return what is known at the end, or if stopped."""

@@ -33,7 +33,6 @@ from resting_aspects_ros.report.format import (
 from resting_aspects_ros.report.page import (
     Chart,
     Findings,
-    Fold,
     Gallery,
     Item,
     Page,
@@ -115,7 +114,7 @@ def study_page(result: 'StudyResult', file: str) -> Page:
             Section('Findings', 'findings', [Findings(findings)]),
             *(
                 Section(
-                    case.name,
+                    case.part.name,
                     f'case-{k}',
                     list(_case_items(result, k, case, effects)),
                 )
@@ -167,7 +166,6 @@ def _case_items(
             f'Dark: first index. Light: total index. Whiskers: {confidence} % intervals. There is '
             'no bar where a probability is not shown to vary.',
         )
-        yield Fold('numbers', [_indices_table(case, effects.indices, factors)])
 
 
 def _gallery(
@@ -181,33 +179,6 @@ def _gallery(
     return Gallery([Tile(*each) for each in zipped if each[0]])
 
 
-def _indices_table(case: Case, found: SobolIndices, factors: Sequence[Factor]) -> Table:
-    """Return the table of the indices; empty cells for shares that do not vary."""
-    headings = ['share of']
-    for factor in factors:
-        headings += [f'{factor.label or factor.name}: {kind}' for kind in ('first', 'total')]
-    table = Table('', headings)
-    for j, name in enumerate([*case.columns, 'all shares']):
-        cells = [
-            _with_interval(values[j, k], *bounds[:, j, k])
-            for k in range(len(factors))
-            for values, bounds in (
-                (found.first, found.first_bounds),
-                (found.total, found.total_bounds),
-            )
-        ]
-        table.add_row(name, *cells)
-    return table
-
-
-def _with_interval(value: float, lower: float, upper: float) -> str:
-    """Return an index with its interval, within 0 and 1; empty for NaN."""
-    if np.isnan(value):
-        return ''
-    value, lower, upper = np.clip([value, lower, upper], 0, 1)
-    return f'{value:.2f}\n{lower:.2f} to {upper:.2f}'
-
-
 def _study_notes(result: 'StudyResult') -> Iterator[str]:
     if not result.complete:
         yield 'The study is not complete: the same command continues it.'
@@ -215,7 +186,7 @@ def _study_notes(result: 'StudyResult') -> Iterator[str]:
         if case.skipped:
             k, reason = min(case.skipped.items())
             yield (
-                f'{case.name}: {len(case.skipped)} of {len(result.design.points)} points are '
+                f'{case.part.name}: {len(case.skipped)} of {len(result.design.points)} points are '
                 f'impossible and were skipped. Point {k}: {reason}.'
             )
 
@@ -392,7 +363,7 @@ def _comparison_sections(
 ) -> Iterator[Section]:
     """Yield a section for each pair of designs side by side; pictures by id(case)."""
     for number, found in enumerate(comparisons, start=1):
-        heading = f'{found.first.name} and {found.second.name} side by side'
+        heading = f'{found.first.part.name} and {found.second.part.name} side by side'
         items = list(comparison_items(found, pictures, confidence))
         yield Section(heading, f'comparison-{number}', items)
 
@@ -409,7 +380,13 @@ def comparison_items(
             'note',
         )
         return
-    headings = (first.name, f'{second.name} ', first.name, second.name, 'difference')
+    headings = (
+        first.part.name,
+        f'{second.part.name} ',
+        first.part.name,
+        second.part.name,
+        'difference',
+    )
     table = Table('', headings, texts={headings[1]: None})
     for k, each in enumerate(found.shared):
         one, other = each.first - 1, each.second - 1
@@ -425,7 +402,7 @@ def comparison_items(
     yield table
     ranges = 'Below the shares: model ranges. ' if first.model or second.model else ''
     yield (
-        f'{ranges}The difference is {second.name} minus {first.name}, in percentage '
+        f'{ranges}The difference is {second.part.name} minus {first.part.name}, in percentage '
         f'points; small: {100 * confidence:g} % interval. The shapes are {found.apart:.2g} of the '
         'part radius apart on average.'
     )
@@ -441,7 +418,7 @@ def comparison_items(
             if k + 1 not in shared
         ]
         if names:
-            alone.append(f'{case.name}: {", ".join(names)}')
+            alone.append(f'{case.part.name}: {", ".join(names)}')
     if alone:
         yield f'Only in one of them: {"; ".join(alone)}.'
 

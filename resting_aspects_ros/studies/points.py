@@ -21,8 +21,6 @@ from resting_aspects_ros.api.runner import (
     Consumer,
     DropTally,
     Runner,
-    Tally,
-    TransitionTally,
 )
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -32,19 +30,16 @@ from resting_aspects_ros.errors import InvalidValueError, OutputError, one_line,
 from resting_aspects_ros.input_files import Count, validated
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspects_text
-from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
-from resting_aspects_ros.simulation.job import DropJob, RunDescription, plan_run
-from resting_aspects_ros.simulation.scene import Scene
+from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.starts import RestStarts, Starts, pose_starts, starts_of
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE, no_drops
 from resting_aspects_ros.statistics.model_range import ModelRange
 from resting_aspects_ros.statistics.poses import RestingPoses
-from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.design import Setting
 
 MAX_THREADS = 64
-STORE, STORE_VERSION = 'points.jsonl', 2
+STORE, STORE_VERSION = 'points.jsonl', 3
 
 
 class Stopped(Exception):  # noqa: N818 - it is no error
@@ -90,6 +85,15 @@ class Simulation:
             raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
         return cls(part, workers, landscape, aspects)
 
+    def counts(self, setting: Setting, drops: int, seed: int, monitor: Monitor) -> Counts:
+        """Return counts (k + 5,) of drops by aspect and by OUTSIDE.
+
+        With an action, it is done once on each part that comes to rest in an aspect. Raises
+        InvalidValueError if the setting is impossible, and Stopped.
+        """
+        simulate = self.dropped if setting.action is None else self.dropped_and_acted
+        return simulate(setting, drops, seed, monitor)
+
     def dropped(
         self,
         setting: Setting,
@@ -103,44 +107,25 @@ class Simulation:
 
         With ``starts``, the part starts there instead of being released.
         """
-        job, run = self._plan(setting, drops, seed, starts)
-        aspects = aspects_in(job.scene, self.aspects)
-        tally = DropTally(no_drops(aspects), run.drops)
-        self._count(job, run, tally, monitor, consumers)
+        job, run = plan_run(
+            self.part,
+            setting.drop_conditions,
+            seed=seed,
+            drops=drops,
+            run_id='point',
+            started=0,
+            landscape=self.landscape,
+            starts=starts,
+        )
+        if starts is not None and setting.action is not None:
+            check_speed(self.part, setting.action, job)
+        tally = DropTally(no_drops(aspects_in(job.scene, self.aspects)), run.drops)
+        runner = Runner(self.workers, lambda done, _: monitor.update(done), monitor.stopped)
+        runner.count(job, run, tally, consumers)
+        if not tally.complete:
+            raise Stopped
         found = tally.distribution
         return np.append(found.counts, [getattr(found, name) for name in OUTSIDE])
-
-    def acted(
-        self,
-        setting: Setting,
-        per_aspect: int,
-        seed: int,
-        monitor: Monitor,
-    ) -> Counts:
-        """Return counts (k, k + 5) of actions from each aspect.
-
-        In surroundings, actions start from poses in which drops there end; an aspect in which
-        none ends has no actions.
-        """
-        action, conditions = setting.action, setting.drop_conditions
-        assert action is not None
-        scene = self._scene(setting)
-        aspects, k = aspects_in(scene, self.aspects), len(self.aspects)
-        rests: list[RestingPoses] = []
-        if not scene.level:
-            quiet = Monitor(stopped=monitor.stopped)
-            self.dropped(
-                setting, DEFAULT_DROPS, seed, quiet, [lambda poses, _: rests.append(poses)]
-            )
-        joined = RestingPoses.join(rests) if rests else None
-        starts = starts_of(self.part, aspects, action.action, scene, conditions, joined)
-        if not starts.rows:
-            return np.zeros((k, k + len(OUTSIDE)), dtype=np.int64)
-        job, run = self._plan(setting, per_aspect * starts.rows, seed, starts)
-        tally = TransitionTally(no_actions(aspects), run.drops, ids=starts.ids)
-        self._count(job, run, tally, monitor)
-        # Parts that slide for ever are counted as unsettled.
-        return np.pad(tally.matrix.counts, ((0, 0), (0, 1)))
 
     def dropped_and_acted(
         self, setting: Setting, drops: int, seed: int, monitor: Monitor
@@ -152,7 +137,8 @@ class Simulation:
         """
         assert setting.action is not None
         poses: list[RestingPoses] = []
-        scene, k = self._scene(setting), len(self.aspects)
+        scene, k = scene_of(self.part, setting.drop_conditions), len(self.aspects)
+        setting.action.action.check(setting.action.name, scene)
 
         def half(done: int) -> Monitor:  # a part that was dropped is half done
             return Monitor(lambda made: monitor.update((done + made) // 2), monitor.stopped)
@@ -179,44 +165,6 @@ class Simulation:
         # Parts that only the mesh of a curved side stopped are not at rest.
         found[k] += drops - found.sum()
         return found
-
-    def _scene(self, setting: Setting) -> Scene:
-        """Return the surroundings; raises InvalidValueError if the action is impossible there."""
-        scene, action = scene_of(self.part, setting.drop_conditions), setting.action
-        if action is not None:
-            action.action.check(action.name, scene)
-        return scene
-
-    def _count(
-        self,
-        job: DropJob,
-        run: RunDescription,
-        tally: Tally,
-        monitor: Monitor,
-        consumers: Sequence[Consumer] = (),
-    ) -> None:
-        """Count a run; raises Stopped if it was stopped."""
-        runner = Runner(self.workers, lambda done, _: monitor.update(done), monitor.stopped)
-        runner.count(job, run, tally, consumers)
-        if not tally.complete:
-            raise Stopped
-
-    def _plan(
-        self, setting: Setting, drops: int, seed: int, starts: Starts | None
-    ) -> tuple[DropJob, RunDescription]:
-        job, run = plan_run(
-            self.part,
-            setting.drop_conditions,
-            seed=seed,
-            drops=drops,
-            run_id='point',
-            started=0,
-            landscape=self.landscape,
-            starts=starts,
-        )
-        if starts is not None and setting.action is not None:
-            check_speed(self.part, setting.action, job)
-        return job, run
 
 
 def run_tasks(
@@ -304,14 +252,12 @@ def counts_by_class(aspects: AspectSet, counts: Counts) -> Counts:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Counts of one part, or of an action on a part at rest in one class, at m points.
+    """Counts of one part at m points.
 
     classes : (m, c) int
         Drops in each symmetry class.
     other : (m, 5) int
         Drops that ended otherwise; columns as in OUTSIDE.
-    start : int or None
-        Number of the symmetry class from which the actions start; None: dropped.
     skipped : dict of int to str
         Why points are impossible for this part.
     model : ModelRange or None
@@ -322,16 +268,8 @@ class Case:
     aspects: AspectSet
     classes: Counts
     other: Counts
-    start: int | None = None
     skipped: dict[int, str] = field(default_factory=dict)
     model: ModelRange | None = None
-
-    @property
-    def name(self) -> str:
-        """The part, and the start if there is one."""
-        if self.start is None:
-            return self.part.name
-        return f'{self.part.name} from {self.class_names[self.start - 1]}'
 
     @property
     def class_names(self) -> list[str]:
@@ -365,7 +303,7 @@ class _Header(BaseModel):
 class _Point(BaseModel):
     point: StrictStr
     drops: Count
-    counts: list[list[Count]]
+    counts: list[Count]
 
 
 class PointStore:
@@ -398,7 +336,7 @@ class PointStore:
         return None if found is None or found[0] < drops else found[1]
 
     def add(self, key: str, drops: int, counts: Counts) -> None:
-        """Append the counts (r, c) of a point; raises OutputError."""
+        """Append the counts (c,) of a point; raises OutputError."""
         self._append({'point': key, 'drops': drops, 'counts': counts.tolist()})
         self._counts[key] = drops, counts
 

@@ -45,7 +45,6 @@ from resting_aspects_ros.studies.effects import Effects, Finding, effects_of, en
 from resting_aspects_ros.studies.points import (
     STORE,
     Case,
-    Monitor,
     PointStore,
     Simulation,
     Task,
@@ -61,9 +60,8 @@ if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page
 
 DOCUMENT, CSV, PAGE = 'study.json', 'results.csv', 'page.html'
-# Drops of all points together by default, with an action from each aspect a fifth of them; and the
-# bounds of those of one point.
-ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 200_000, 400, 10_000, 5
+# Drops of all points together by default, and the bounds of those of one point.
+ALL_DROPS, MIN_DROPS, MAX_DROPS = 200_000, 400, 10_000
 # A change of a share that matters to the reader of the page.
 DEFAULT_TOLERANCE = 0.05
 
@@ -79,8 +77,7 @@ class StudySpec:
     points : int
         Number of base points; see `make_design`.
     drops : int
-        Number of drops at each point; with an action, of actions from each aspect. 0: as many as
-        ALL_DROPS allow.
+        Number of drops at each point; 0: as many as ALL_DROPS allow.
     tolerance : float
         Change of a share that matters.
 
@@ -111,7 +108,6 @@ class StudySpec:
         count = len(self.made_design().points)
         if self.drops == 0 and type(self.drops) is int:
             each = min(max(ALL_DROPS // count, MIN_DROPS), MAX_DROPS)
-            each //= 1 if self.base.action is None else ACTIONS
             object.__setattr__(self, 'drops', each)
         check_drops(self.drops)
 
@@ -131,7 +127,7 @@ class StudyResult(Result):
     design : Design
         Points in the unit cube, and lines along each factor; see ``values``.
     cases : tuple of Case
-        Counts by part and, for actions, by the class from which they start.
+        Counts of each part.
     complete : bool
         Whether all drops are made, except at impossible points.
     """
@@ -151,7 +147,7 @@ class StudyResult(Result):
         """Curves, Sobol indices and largest changes of each case; None if nothing can vary."""
         found: list[Effects | None] = [None] * len(self.cases)
         for k, case in enumerate(self.cases):
-            with analysis(f'what the shares of {case.name} depend on'):
+            with analysis(f'what the shares of {case.part.name} depend on'):
                 found[k] = effects_of(case, self.design, self.spec.seed, self.spec.confidence)
         return found
 
@@ -199,7 +195,6 @@ class StudyResult(Result):
                     'point': point,
                     **values[point],
                     'part': case.part.name,
-                    'from_class': case.start,
                     'aspects': names[count],
                     'class': count + 1 if count < len(names) - 1 else None,
                     'count': int(table[point, count]),
@@ -282,14 +277,13 @@ def study(
     surface, surroundings
         As for `drop`.
     action : str, Action or NamedAction, optional
-        Do this to parts at rest in each aspect, instead of dropping them.
+        What is done once to each part that was dropped, before it is counted.
     design : str
         'curves' (over each factor, from each base point) or 'factorial'.
     points : int
         Number of base points; a factorial design has none.
     drops : int, optional
-        Number of drops at each point; with an action, of actions from each aspect. By default
-        about 200,000 drops, or 40,000 actions from each aspect, are divided among the points.
+        Number of drops at each point. By default about 200,000 drops are divided among the points.
     seed : int
         Seed of the design and of the drops.
     tolerance : float
@@ -337,95 +331,15 @@ def study(
     if out is not None:
         make_folder('--out', Path(out))
     store = PointStore(None if out is None else Path(out) / STORE, worker_versions())
+    design = spec.made_design()
+    settings = [_setting(base, each) for each in point_values(spec.factors, design.points)]
     with given_workers(workers) as pool:
-        run = _StudyRun(spec, store, pool, progress, stopped)
-        return StudyResult(spec, run.design, tuple(run.cases()), run.complete)
-
-
-class _StudyRun:
-    """A run of a study: what is missing is simulated, and stored point by point."""
-
-    def __init__(
-        self,
-        spec: StudySpec,
-        store: PointStore,
-        workers: Workers,
-        progress: Progress,
-        stopped: Callable[[], bool],
-    ) -> None:
-        self.spec, self.design, self.complete = spec, spec.made_design(), True
-        self._store, self._workers = store, workers
-        self._progress, self._stopped = progress, stopped
-        values = point_values(spec.factors, self.design.points)
-        self._settings = [_setting(spec.base, each) for each in values]
-        self._parts = [Simulation.of(part, workers) for part in spec.parts]
-
-    def cases(self) -> list[Case]:
-        """Make the drops of the design, and return them by case."""
-        m = len(self._settings)
-        wanted = [(part, setting) for part in self._parts for setting in self._settings]
-        found = self._make(wanted)
-        return [
-            case
-            for k, simulation in enumerate(self._parts)
-            for case in self._cases_of(simulation, found[k * m : (k + 1) * m])
-        ]
-
-    def _make(
-        self, wanted: Sequence[tuple[Simulation, Setting | str]]
-    ) -> list[Counts | str | None]:
-        """Return counts (r, k + 5) of parts, why they are impossible, or None if stopped."""
-        drops = self.spec.drops
-        found: list[Counts | str | None] = []
-        missing: list[tuple[int, str, Task]] = []
-        total = 0
-        for index, (simulation, setting) in enumerate(wanted):
-            if isinstance(setting, str):
-                found.append(setting)
-                continue
-            key = f'{self.spec.seed} {point_key(simulation.part, setting)}'
-            found.append(self._store.counts(key, drops))
-            if found[-1] is None:
-                missing.append((index, key, partial(self._simulate, simulation, setting)))
-                total += drops * (1 if setting.action is None else len(simulation.aspects))
-        known = 'missing ' if len(missing) < len(wanted) else ''
-        label = f'{len(missing)} {known}points'
-        with DropProgress(label, total, shown=total > 0 and self._progress) as bar:
-            made = run_tasks(
-                [task for _, _, task in missing],
-                self._workers,
-                bar.update,
-                self._stopped,
-                lambda k, counts: self._store.add(missing[k][1], drops, counts),
-            )
-            bar.end(bar.done)
-        for (index, _, _), counts in zip(missing, made, strict=True):
-            found[index] = counts
-        self.complete = not any(each is None for each in found)
-        return found
-
-    def _simulate(self, simulation: Simulation, setting: Setting, monitor: Monitor) -> Counts:
-        """Return counts (r, k + 5) of drops, r = 1, or of actions from each aspect."""
-        drops, seed = self.spec.drops, point_seed(self.spec.seed, simulation.part, setting)
-        if setting.action is None:
-            return simulation.dropped(setting, drops, seed, monitor)[None]
-        return simulation.acted(setting, drops, seed, monitor)
-
-    def _cases_of(
-        self, simulation: Simulation, found: Sequence[Counts | str | None]
-    ) -> Iterator[Case]:
-        part, aspects = simulation.part, simulation.aspects
-        k, drops = len(aspects), self.spec.base.action is None
-        counts = counted(found, 1 if drops else k, k + len(OUTSIDE))
-        classes, other = counts_by_class(aspects, counts[..., :k]), counts[..., k:]
-        skipped = reasons(found)
-        if drops:
-            yield Case(part, aspects, classes[:, 0], other[:, 0], skipped=skipped)
-            return
-        for number, members in enumerate(aspects.classes(), 1):
-            own = [aspect.id - 1 for aspect in members]
-            ends = classes[:, own].sum(axis=1), other[:, own].sum(axis=1)
-            yield Case(part, aspects, *ends, number, skipped)
+        simulations = [Simulation.of(part, pool) for part in spec.parts]
+        wanted = [(each, at) for each in simulations for at in settings]
+        found = _made(wanted, spec, store, pool, progress, stopped)
+    m, complete = len(settings), not any(each is None for each in found)
+    cases = [_case(each, found[k * m : (k + 1) * m]) for k, each in enumerate(simulations)]
+    return StudyResult(spec, design, tuple(cases), complete)
 
 
 def _setting(base: Setting, values: Mapping[str, float]) -> Setting | str:
@@ -434,3 +348,51 @@ def _setting(base: Setting, values: Mapping[str, float]) -> Setting | str:
         return base.changed(values)
     except InvalidValueError as error:
         return str(error)
+
+
+def _made(
+    wanted: Sequence[tuple[Simulation, Setting | str]],
+    spec: StudySpec,
+    store: PointStore,
+    workers: Workers,
+    progress: Progress,
+    stopped: Callable[[], bool],
+) -> list[Counts | str | None]:
+    """Simulate and store what is missing.
+
+    Returns the counts (k + 5,) of parts, why they are impossible, or None if it was stopped.
+    """
+    found: list[Counts | str | None] = []
+    missing: list[tuple[int, str, Task]] = []
+    for index, (simulation, setting) in enumerate(wanted):
+        if isinstance(setting, str):
+            found.append(setting)
+            continue
+        key = f'{spec.seed} {point_key(simulation.part, setting)}'
+        found.append(store.counts(key, spec.drops))
+        if found[-1] is None:
+            seed = point_seed(spec.seed, simulation.part, setting)
+            task = partial(simulation.counts, setting, spec.drops, seed)
+            missing.append((index, key, task))
+    known = 'missing ' if len(missing) < len(wanted) else ''
+    label, total = f'{len(missing)} {known}points', spec.drops * len(missing)
+    with DropProgress(label, total, shown=total > 0 and progress) as bar:
+        made = run_tasks(
+            [task for _, _, task in missing],
+            workers,
+            bar.update,
+            stopped,
+            lambda k, counts: store.add(missing[k][1], spec.drops, counts),
+        )
+        bar.end(bar.done)
+    for (index, _, _), counts in zip(missing, made, strict=True):
+        found[index] = counts
+    return found
+
+
+def _case(simulation: Simulation, found: Sequence[Counts | str | None]) -> Case:
+    """Return the counts of a part at all points."""
+    aspects, k = simulation.aspects, len(simulation.aspects)
+    counts = counted(found, k + len(OUTSIDE))
+    classes, other = counts_by_class(aspects, counts[:, :k]), counts[:, k:]
+    return Case(simulation.part, aspects, classes, other, reasons(found))

@@ -362,7 +362,7 @@ def _designs(first: Opened, second: Opened, a: DropResult, b: DropResult) -> Ite
     for case, opened in sides:
         classes = zip(opened.names, pages.case_colours(case), opened.pictures, strict=False)
         tiles = [Tile(name, colour, picture, []) for name, colour, picture in classes]
-        yield Gallery(tiles, case.name)
+        yield Gallery(tiles, case.part.name)
 
 
 # -- Hand counts: parts that were counted by hand, against the simulation -------------------------
