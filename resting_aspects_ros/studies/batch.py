@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from scipy.stats import norm
 
 from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
-from resting_aspects_ros.api.result import make_folder
+from resting_aspects_ros.api.result import make_folder, write_page
 from resting_aspects_ros.api.runner import Progress, given_workers, never
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
@@ -38,9 +38,9 @@ from resting_aspects_ros.simulation.conditions import (
 )
 from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.simulation.workers import Workers
-from resting_aspects_ros.statistics.distribution import OUTSIDE
+from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
-from resting_aspects_ros.studies.points import Case, seed_of
+from resting_aspects_ros.studies.points import seed_of
 from resting_aspects_ros.system import parts_folder
 
 if TYPE_CHECKING:
@@ -174,57 +174,59 @@ def _surface_points(part: Part) -> Array:
     return np.asarray(points - part.centre_of_mass)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class SharedClass:
-    """A class that two designs share.
+    """A symmetry class that two designs share.
 
     first, second : int
         Its numbers in the designs, from 1.
-    first_share, second_share : float
     difference, lower, upper : float
         Second share - first share, with its interval.
     """
 
     first: int
     second: int
-    first_share: float
-    second_share: float
     difference: float
     lower: float
     upper: float
 
 
 @dataclass(frozen=True, eq=False)
-class CaseComparison:
+class DesignComparison:
     """Two designs side by side; ``apart`` is the mean distance of their surfaces, R."""
 
-    first: Case
-    second: Case
+    first: 'DropResult'
+    second: 'DropResult'
     shared: tuple[SharedClass, ...]
     apart: float
 
 
-def compare_cases(cases: Sequence[Case], confidence: float) -> Iterator[CaseComparison]:
-    """Yield a comparison of each pair of designs, which are dropped at one point each."""
-    for first, second in itertools.combinations(cases, 2):
-        pairs, apart = match_aspects(first.part, first.aspects, second.part, second.aspects)
-        shared = tuple(_shared(first, second, a, b, confidence) for a, b in pairs)
-        yield CaseComparison(first, second, shared, apart)
+def compare_designs(
+    results: Sequence['DropResult'], confidence: float
+) -> Iterator[DesignComparison]:
+    """Yield a comparison of each pair of designs."""
+    for first, second in itertools.combinations(results, 2):
+        assert first.part is not None
+        assert second.part is not None
+        one, other = first.distribution.by_class(), second.distribution.by_class()
+        pairs, apart = match_aspects(first.part, one.aspects, second.part, other.aspects)
+        shared = tuple(_shared(one, other, a, b, confidence) for a, b in pairs)
+        yield DesignComparison(first, second, shared, apart)
 
 
-def _shared(first: Case, second: Case, a: int, b: int, confidence: float) -> SharedClass:
+def _shared(
+    first: Distribution, second: Distribution, a: int, b: int, confidence: float
+) -> SharedClass:
     shares, variance = [], 0.0
-    for case, number in ((first, a), (second, b)):
-        count, drops = int(case.classes[0, number - 1]), max(int(case.drops[0]), 1)
+    for found, number in ((first, a), (second, b)):
+        count, drops = int(found.counts[number - 1]), max(found.drops, 1)
         # Without a drop in a class there is still a chance of it: add half a drop to each side.
         smooth = (count + 0.5) / (drops + 1)
         variance += smooth * (1 - smooth) / drops
         shares.append(count / drops)
     difference = shares[1] - shares[0]
     reach = float(norm.ppf((1 + confidence) / 2)) * variance**0.5
-    return SharedClass(
-        a, b, shares[0], shares[1], difference, difference - reach, difference + reach
-    )
+    return SharedClass(a, b, difference, difference - reach, difference + reach)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,29 +248,6 @@ class BatchEntry:
     folder: str = ''
     error: str = ''
 
-    @cached_property
-    def case(self) -> Case:
-        """The counts as a case with one point."""
-        assert self.result is not None
-        assert self.result.part is not None
-        found = self.result.distribution.by_class()
-        other = [getattr(found, name) for name in OUTSIDE]
-        return Case(
-            self.result.part,
-            found.aspects,
-            found.counts[None],
-            np.array([other], dtype=np.int64),
-            model=found.model,
-        )
-
-    @cached_property
-    def pictures(self) -> list[str]:
-        """A picture of each symmetry class as a data URI."""
-        # This import takes about a second.
-        from resting_aspects_ros.studies.pages import case_pictures
-
-        return case_pictures(self.case)
-
 
 @dataclass(frozen=True, eq=False)
 class BatchResult:
@@ -284,11 +263,15 @@ class BatchResult:
     folder: Path | None = None
     seed: int = DEFAULT_SEED
 
+    @property
+    def results(self) -> 'list[DropResult]':
+        """The results of the parts that did not fail."""
+        return [entry.result for entry in self.entries if entry.result is not None]
+
     @cached_property
-    def comparisons(self) -> list[CaseComparison]:
+    def comparisons(self) -> list[DesignComparison]:
         """Pairs of parts that share aspects, as designs of one part do."""
-        cases = [entry.case for entry in self.entries if entry.result is not None]
-        found = compare_cases(cases[:MAX_COMPARED], self.confidence)
+        found = compare_designs(self.results[:MAX_COMPARED], self.confidence)
         return [each for each in found if each.shared]
 
 
@@ -399,14 +382,14 @@ def drop_batch(
             except RestingAspectsError as error:
                 entry = dataclasses.replace(entry, error=str(error))
             entries.append(entry)
-            if folder is not None:
-                with analysis('the index of the batch'):
-                    _write_index(BatchResult(tuple(entries), False, confidence, folder, seed))
     complete = len(entries) == len(sources) and not any(entry.error for entry in entries)
     batch = BatchResult(tuple(entries), complete, confidence, folder, seed)
     if folder is not None:
         with analysis('the index of the batch'):
-            _write_index(batch, compare=True)
+            # This import takes about a second.
+            from resting_aspects_ros.studies.pages import batch_page
+
+            write_page(batch_page(batch, INDEX), folder)
     return batch
 
 
@@ -432,12 +415,3 @@ def _folder(name: str, taken: Sequence[str]) -> str:
         number += 1
         found = f'{name}_{number}'
     return found
-
-
-def _write_index(batch: BatchResult, *, compare: bool = False) -> None:
-    # These imports take about a second.
-    from resting_aspects_ros.api.result import write_page
-    from resting_aspects_ros.studies.pages import batch_page
-
-    assert batch.folder is not None
-    write_page(batch_page(batch, INDEX, compare=compare), batch.folder)

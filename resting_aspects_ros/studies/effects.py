@@ -3,13 +3,11 @@
 All variances of sampling are subtracted: they are known, because counts are multinomial.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.special import entr
 from scipy.stats import norm, t
 
 from resting_aspects_ros.arrays import Array, Counts
@@ -105,11 +103,6 @@ def curve_of(line: LineCounts, confidence: float) -> Curve:
     )
 
 
-def entropy(shares: Array) -> Array:
-    """Return the entropy (...) of shares (..., c), bit."""
-    return np.asarray(entr(shares).sum(axis=-1) / math.log(2))
-
-
 def _mean(values: Array, noise: Array, fixed: bool) -> tuple[Array, Array]:
     """Return the mean over lines of values (b, ...), and its standard error."""
     sampling = noise.sum(axis=0) / len(values) ** 2
@@ -137,6 +130,8 @@ class Change:
         Mean of the share at both, over the lines.
     size, lower, upper : float
         Root mean square of the change over the lines, with its interval.
+    lines : int
+        Number of lines.
     """
 
     column: int
@@ -145,6 +140,13 @@ class Change:
     size: float
     lower: float
     upper: float
+    lines: int
+
+    def verdict(self, tolerance: float) -> str:
+        """Return whether it is worth while to measure or to control the factor."""
+        if self.lower > tolerance:
+            return WORTH
+        return NOT_WORTH if self.upper <= tolerance else OPEN
 
 
 def largest_change(line: LineCounts, confidence: float) -> Change:
@@ -182,6 +184,7 @@ def largest_change(line: LineCounts, confidence: float) -> Change:
         float(size),
         float(min(lower, size)),
         float(upper),
+        len(line.counts),
     )
 
 
@@ -273,35 +276,17 @@ def _indices(variances: Sequence[tuple[Array, Array, Array]]) -> tuple[Array, Ar
 
 
 @dataclass(frozen=True, eq=False)
-class FactorEffect:
-    """What one factor does to the shares of a case.
-
-    lines : int
-        Number of lines.
-    """
-
-    curve: Curve
-    change: Change
-    lines: int
-
-    def verdict(self, tolerance: float) -> str:
-        """Return whether it is worth while to measure or to control the factor."""
-        if self.change.lower > tolerance:
-            return WORTH
-        return NOT_WORTH if self.change.upper <= tolerance else OPEN
-
-
-@dataclass(frozen=True, eq=False)
 class Effects:
     """What d factors do to the shares of a case.
 
-    factors : tuple of FactorEffect or None
-        None for a factor with fewer than two possible levels.
+    curves, changes : tuple of Curve and of Change, or None
+        By factor; None for one with fewer than two possible levels.
     indices : SobolIndices or None
         None if a factor has no effect that could be computed.
     """
 
-    factors: tuple[FactorEffect | None, ...]
+    curves: tuple[Curve | None, ...]
+    changes: tuple[Change | None, ...]
     indices: SobolIndices | None
 
 
@@ -310,18 +295,15 @@ def effects_of(case: Case, design: Design, seed: int, confidence: float) -> Effe
     if len(case.columns) < 2 or not case.drops.any():
         return None
     lines = [LineCounts.of(case.table, each) for each in design.lines]
-    factors = []
-    for line in lines:
-        effect = None
-        if line is not None:
-            curve, change = curve_of(line, confidence), largest_change(line, confidence)
-            effect = FactorEffect(curve, change, len(line.counts))
-        factors.append(effect)
     known = [line for line in lines if line is not None]
     indices = None
     if len(known) == len(lines):
         indices = indices_of(known, confidence, np.random.default_rng((seed, 8)))
-    return Effects(tuple(factors), indices)
+    return Effects(
+        tuple(None if line is None else curve_of(line, confidence) for line in lines),
+        tuple(None if line is None else largest_change(line, confidence) for line in lines),
+        indices,
+    )
 
 
 @dataclass(frozen=True)
@@ -356,28 +338,26 @@ def findings_of(
     confidence: float,
 ) -> Iterator[Finding]:
     """Yield a finding for each factor, that with the largest change first."""
-    each = (None,) * len(factors) if effects is None else effects.factors
-    for k in np.argsort([1.0 if e is None else -e.change.size for e in each]).tolist():
-        factor, effect = factors[k], each[k]
+    changes = (None,) * len(factors) if effects is None else effects.changes
+    for k in np.argsort([1.0 if each is None else -each.size for each in changes]).tolist():
+        factor, change = factors[k], changes[k]
         title = factor.label or factor.name
-        title = f'{title[0].upper()}{title[1:]}'
-        if effect is not None:
-            verdict = effect.verdict(tolerance)
-            sentence = f'{title} {_sentence(effect, tolerance, confidence)}'
-            yield Finding(
-                case.part.name, factor.name, verdict, sentence, _where(effect, case, factor)
-            )
+        title, details = f'{title[0].upper()}{title[1:]}', ''
+        if change is not None:
+            verdict, details = change.verdict(tolerance), _where(change, case, factor)
+            sentence = f'{title} {_sentence(change, tolerance, confidence)}'
         elif len(case.columns) < 2 and case.drops.any():
+            verdict = NOT_WORTH
             sentence = f'{title} cannot move the shares: all drops are in {case.columns[0]}.'
-            yield Finding(case.part.name, factor.name, NOT_WORTH, sentence)
         else:
+            verdict = OPEN
             sentence = f'{title}: too few points with drops to tell what it does.'
-            yield Finding(case.part.name, factor.name, OPEN, sentence)
+        yield Finding(case.part.name, factor.name, verdict, sentence, details)
 
 
-def _sentence(effect: FactorEffect, tolerance: float, confidence: float) -> str:
-    change, limit = effect.change, f'the tolerance of {points_text(tolerance)} points'
-    mean = '' if effect.lines == 1 else 'root mean square; '
+def _sentence(change: Change, tolerance: float, confidence: float) -> str:
+    limit = f'the tolerance of {points_text(tolerance)} points'
+    mean = '' if change.lines == 1 else 'root mean square; '
     moved = (
         f'moves the shares by up to {points_text(change.size)} points ({mean}'
         f'{100 * confidence:g} % interval {points_text(change.lower)} to '
@@ -388,14 +368,13 @@ def _sentence(effect: FactorEffect, tolerance: float, confidence: float) -> str:
         NOT_WORTH: f'{moved}, not more than {limit}: measuring it is not worth while.',
         OPEN: f'{moved}, which contains {limit}: more drops would decide whether measuring it is '
         'worth while.',
-    }[effect.verdict(tolerance)]
+    }[change.verdict(tolerance)]
 
 
-def _where(effect: FactorEffect, case: Case, factor: Factor) -> str:
+def _where(change: Change, case: Case, factor: Factor) -> str:
     """Say where the largest change is."""
-    change = effect.change
     ends = [factor.text(float(factor.values(np.array(level)))) for level in change.levels]
-    mean = '' if effect.lines == 1 else ', on average over the other factors'
+    mean = '' if change.lines == 1 else ', on average over the other factors'
     return (
         f'The share of {case.columns[change.column]} is {100 * change.shares[0]:.1f} % at '
         f'{ends[0]} and {100 * change.shares[1]:.1f} % at {ends[1]}{mean}.'

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from resting_aspects_ros.api.conditions import conditions_text
+from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import analysis
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drop_page import PAGE
 from resting_aspects_ros.report.drops import MODEL_RANGE, model_text, shares
 from resting_aspects_ros.report.figure import (
@@ -44,14 +46,12 @@ from resting_aspects_ros.report.page import (
 )
 from resting_aspects_ros.report.picture import draw_parts, picture_part, pose_parts
 from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.studies.design import Factor
 from resting_aspects_ros.studies.effects import (
     NOT_WORTH,
     WORTH,
     Effects,
     SobolIndices,
-    entropy,
     points_text,
 )
 from resting_aspects_ros.studies.points import Case
@@ -60,7 +60,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from resting_aspects_ros.studies.batch import BatchEntry, BatchResult, CaseComparison
+    from resting_aspects_ros.api.drop import DropResult
+    from resting_aspects_ros.studies.batch import BatchEntry, BatchResult, DesignComparison
     from resting_aspects_ros.studies.optimum import OptimiseResult
     from resting_aspects_ros.studies.study import StudyResult
 
@@ -78,14 +79,14 @@ def case_colours(case: Case) -> list[str]:
     return colours + [GREY] * (len(case.columns) - len(colours))
 
 
-def case_pictures(case: Case) -> list[str]:
+def class_pictures(part: Part, aspects: AspectSet) -> list[str]:
     """Return a picture of each symmetry class as a data URI; empty if they cannot be made."""
-    members = [alike[0] for alike in case.aspects.classes()]
+    members = [alike[0] for alike in aspects.classes()]
     found = [''] * len(members)
-    with analysis(f'the pictures of {case.part.name}'):
-        part = picture_part(case.part, case.aspects)
-        colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
-        images = draw_parts(pose_parts(part, members), colours, PIXELS)
+    with analysis(f'the pictures of {part.name}'):
+        drawn = picture_part(part, aspects)
+        colours = [rgb(aspect_colour(aspect)) for aspect in members]
+        images = draw_parts(pose_parts(drawn, members), colours, PIXELS)
         found[:] = [picture_uri(image) for image in images]
     return found
 
@@ -138,9 +139,11 @@ def _case_items(
         low, high = ranges[made, :, 0].min(axis=0), ranges[made, :, 1].max(axis=0)
         for text, *ends in zip(texts, low, high, strict=False):
             text.append(f'model range {_percents(*ends)}')
-    yield _gallery(case.columns, case_colours(case), [*case_pictures(case), ''], texts)
+    yield _gallery(
+        case.columns, case_colours(case), [*class_pictures(case.part, case.aspects), ''], texts
+    )
     yield result.spec.base.range_text
-    if effects is None or not any(effects.factors):
+    if effects is None or not any(effects.curves):
         yield Text(
             'The shares do not vary, or there are too few points with drops: there are no curves '
             'and indices.',
@@ -218,10 +221,9 @@ def _range(factor: Factor) -> str:
 def curves_figure(case: Case, effects: Effects, factors: Sequence[Factor]) -> 'Figure':
     """Return the shares over each factor: the mean with its band, and each line."""
     figure, panels = _panels(len(factors), PANEL_HEIGHT)
-    curves = [None if each is None else each.curve for each in effects.factors]
-    known = [curve for curve in curves if curve is not None]
+    known = [curve for curve in effects.curves if curve is not None]
     top = min(1.0, 1.1 * max(max(curve.each.max(), curve.upper.max()) for curve in known))
-    for k, (axes, factor, curve) in enumerate(zip(panels, factors, curves, strict=True)):
+    for k, (axes, factor, curve) in enumerate(zip(panels, factors, effects.curves, strict=True)):
         plain_axes(axes, 'y')
         axes.set_ylim(0, top)
         percent_axis(axes, 'y', top)
@@ -358,21 +360,12 @@ def points_figure(result: 'OptimiseResult') -> 'Figure':
     return figure
 
 
-def _comparison_sections(
-    comparisons: 'Sequence[CaseComparison]', pictures: dict[int, list[str]], confidence: float
-) -> Iterator[Section]:
-    """Yield a section for each pair of designs side by side; pictures by id(case)."""
-    for number, found in enumerate(comparisons, start=1):
-        heading = f'{found.first.part.name} and {found.second.part.name} side by side'
-        items = list(comparison_items(found, pictures, confidence))
-        yield Section(heading, f'comparison-{number}', items)
-
-
 def comparison_items(
-    found: 'CaseComparison', pictures: dict[int, list[str]], confidence: float
+    found: 'DesignComparison', pictures: dict[int, list[str]], confidence: float
 ) -> Iterator[Item]:
-    """Yield what shows the aspects that two designs share; pictures by id(case)."""
-    first, second = found.first, found.second
+    """Yield what shows the aspects that two designs share; pictures by id(result)."""
+    results = found.first, found.second
+    first, second = (each.run.part for each in results)
     if not found.shared:
         yield Text(
             f'The parts share no aspects: their shapes differ by {found.apart:.2g} of the part '
@@ -380,125 +373,109 @@ def comparison_items(
             'note',
         )
         return
-    headings = (
-        first.part.name,
-        f'{second.part.name} ',
-        first.part.name,
-        second.part.name,
-        'difference',
-    )
+    own, other = (class_rows(each.distribution) for each in results)
+    headings = (first, f'{second} ', first, second, 'difference')
     table = Table('', headings, texts={headings[1]: None})
     for k, each in enumerate(found.shared):
-        one, other = each.first - 1, each.second - 1
-        difference = 100 * shown_difference(each.second_share, each.first_share, 1)
-        table.pictures |= {(k, 0): pictures[id(first)][one], (k, 1): pictures[id(second)][other]}
+        a, b = each.first - 1, each.second - 1
+        one, two = own[a], other[b]
+        shares = one.interval.probability, two.interval.probability
+        difference = 100 * shown_difference(shares[1], shares[0], 1)
+        table.pictures[k, 0] = pictures[id(found.first)][a]
+        table.pictures[k, 1] = pictures[id(found.second)][b]
         table.add_row(
-            first.class_names[one],
-            second.class_names[other],
-            _share(each.first_share, first, one, '\n'),
-            _share(each.second_share, second, other, '\n'),
+            one.name,
+            two.name,
+            _share(one),
+            _share(two),
             f'{difference:+.1f} points\n{100 * each.lower:+.1f} to {100 * each.upper:+.1f}',
         )
     yield table
-    ranges = 'Below the shares: model ranges. ' if first.model or second.model else ''
+    ranges = 'Below the shares: model ranges. ' if own[0].model or other[0].model else ''
     yield (
-        f'{ranges}The difference is {second.part.name} minus {first.part.name}, in percentage '
+        f'{ranges}The difference is {second} minus {first}, in percentage '
         f'points; small: {100 * confidence:g} % interval. The shapes are {found.apart:.2g} of the '
         'part radius apart on average.'
     )
     alone = []
-    for case, shared in (
-        (first, {each.first for each in found.shared}),
-        (second, {each.second for each in found.shared}),
+    for name, rows, shared in (
+        (first, own, {each.first for each in found.shared}),
+        (second, other, {each.second for each in found.shared}),
     ):
-        shares = case.classes[0] / max(int(case.drops[0]), 1)
-        names = [
-            f'{name} ({_share(share, case, k, ", model range ")})'
-            for k, (name, share) in enumerate(zip(case.class_names, shares.tolist(), strict=True))
-            if k + 1 not in shared
-        ]
-        if names:
-            alone.append(f'{case.part.name}: {", ".join(names)}')
+        left = [row for k, row in enumerate(rows, start=1) if k not in shared]
+        if left:
+            texts = [f'{row.name} ({100 * row.interval.probability:.1f} %)' for row in left]
+            alone.append(f'{name}: {", ".join(texts)}')
     if alone:
         yield f'Only in one of them: {"; ".join(alone)}.'
 
 
-def _share(share: float, case: Case, k: int, before: str) -> str:
-    """Return the share of a symmetry class, and its model range after a text if it is known."""
-    text = f'{100 * share:.1f} %'
-    if case.model is None:
-        return text
-    return f'{text}{before}{interval_text(Interval(share, *case.model.by_aspect[k].tolist()))}'
+def _share(row: Row) -> str:
+    """Return the share of a symmetry class, and below it its model range if it is known."""
+    text = f'{100 * row.interval.probability:.1f} %'
+    return text if row.model is None else f'{text}\n{interval_text(row.model)}'
 
 
-def batch_page(batch: 'BatchResult', file: str, *, compare: bool) -> Page:
-    """Return the index page of a batch; without comparisons while the batch is running."""
-    done = [entry for entry in batch.entries if entry.result is not None]
-    failed = [entry for entry in batch.entries if entry.error]
-    pictures = {id(entry.case): entry.pictures for entry in done}
+def batch_page(batch: 'BatchResult', file: str) -> Page:
+    """Return the index page of a batch."""
+    results, failed = batch.results, [entry for entry in batch.entries if entry.error]
+    pictures = {
+        id(each): class_pictures(each.part, each.distribution.aspects)
+        for each in results
+        if each.part is not None
+    }
     facts: dict[str, list[tuple[str, str]]] = {}
-    if done and done[0].result is not None:
-        run = done[0].result.run
+    if results:
+        run = results[0].run
         facts['Conditions'] = [('all parts', conditions_text(run.conditions))]
         facts['Run'] = [
             ('seed of the batch', str(batch.seed)),
             ('engine', f'{run.engine} {run.engine_version}'),
         ]
-    items: list[Item] = [*batch_range_texts(batch), *map(_batch_entry, done)]
+    items: list[Item] = [*batch_range_texts(batch)]
+    items += [
+        _batch_entry(entry, entry.result, pictures[id(entry.result)])
+        for entry in batch.entries
+        if entry.result is not None
+    ]
     if failed:
         items.append(Text('Parts that failed', 'part'))
         items.append(Findings([('yes', f'{each.source}:', each.error) for each in failed]))
-    drops = sum(e.result.distribution.drops for e in done if e.result is not None)
-    confidence = f'{100 * batch.confidence:g}'
+    sections = [Section('Parts', 'parts', items)]
+    for number, found in enumerate(batch.comparisons, start=1):
+        heading = f'{found.first.run.part} and {found.second.run.part} side by side'
+        compared = list(comparison_items(found, pictures, batch.confidence))
+        sections.append(Section(heading, f'comparison-{number}', compared))
+    notes = [f'{len(failed)} of {len(batch.entries)} parts failed; see below.'] if failed else []
     return Page(
         file=file,
-        title=f'{len(done)} parts',
+        title=f'{len(results)} parts',
         topic='batch',
         lead='Parts under the same conditions',
-        subtitle=f'{drops} drops',
-        sections=[
-            Section('Parts', 'parts', items),
-            *_comparison_sections(
-                batch.comparisons if compare else [], pictures, batch.confidence
-            ),
-        ],
-        reading=reading('batch', confidence=confidence),
+        subtitle=f'{sum(each.distribution.drops for each in results)} drops',
+        sections=sections,
+        reading=reading('batch', confidence=f'{100 * batch.confidence:g}'),
         facts=facts,
-        notes=[f'{len(failed)} of {len(batch.entries)} parts failed; see below.']
-        if failed
-        else [],
+        notes=notes,
     )
 
 
-def _batch_entry(entry: 'BatchEntry') -> Gallery:
+def _batch_entry(entry: 'BatchEntry', result: 'DropResult', pictures: list[str]) -> Gallery:
     """Return the most probable classes of a part."""
-    assert entry.result is not None
-    found = entry.result.distribution
-    rows = class_rows(found)
-    shares = np.array([row.count for row in rows]) / max(found.drops, 1)
-    name = entry.case.part.name
-    numbers = (
-        f'{found.drops} drops, {len(found.aspects)} aspects, entropy '
-        f'{float(entropy(shares)):.2f} bit'
-    )
-    return Gallery(
-        [
-            Tile(
-                rows[k].name,
-                rows[k].colour,
-                entry.pictures[k],
-                [
-                    f'{100 * rows[k].interval.probability:.1f} %',
-                    _percents(rows[k].interval.lower, rows[k].interval.upper),
-                    *([] if (model := rows[k].model) is None else [model_range(model)]),
-                ],
-            )
-            for k in _most_probable(rows)
-        ],
-        heading=name,
-        link=f'{entry.folder}/{PAGE}',
-        texts=[*([entry.source] if entry.source != name else []), numbers],
-    )
+    found, name = result.distribution, result.run.part
+    rows, tiles = class_rows(found), []
+    for k in _most_probable(rows):
+        row = rows[k]
+        texts = [
+            f'{100 * row.interval.probability:.1f} %',
+            _percents(row.interval.lower, row.interval.upper),
+        ]
+        if row.model is not None:
+            texts.append(model_range(row.model))
+        tiles.append(Tile(row.name, row.colour, pictures[k], texts))
+    numbers = f'{found.drops} drops, {len(found.aspects)} aspects'
+    texts = [numbers] if entry.source == name else [entry.source, numbers]
+    return Gallery(tiles, heading=name, link=f'{entry.folder}/{PAGE}', texts=texts)
 
 
 def batch_table(batch: 'BatchResult') -> Table:
@@ -506,21 +483,19 @@ def batch_table(batch: 'BatchResult') -> Table:
     interval = f'{100 * batch.confidence:g} % interval'
     headings = ('part', 'aspects', 'proba-\nbility', interval, MODEL_RANGE)
     table = Table('', headings, texts={'part': None})
-    for entry in batch.entries:
-        if entry.result is not None:
-            found = entry.result.distribution
-            rows = class_rows(found)
-            for number, k in enumerate(_most_probable(rows)):
-                name = '' if number else entry.case.part.name
-                probability, sampling, _ = shares(rows[k].interval, rows[k].count, found.drops)
-                cells = probability, sampling, model_text(rows[k])
-                table.add_row(name, short_name(rows[k]), *cells)
+    for result in batch.results:
+        rows = class_rows(result.distribution)
+        for number, k in enumerate(_most_probable(rows)):
+            name = '' if number else result.run.part
+            drops = result.distribution.drops
+            probability, sampling, _ = shares(rows[k].interval, rows[k].count, drops)
+            table.add_row(name, short_name(rows[k]), probability, sampling, model_text(rows[k]))
     return table
 
 
 def batch_range_texts(batch: 'BatchResult') -> list[str]:
     """Return what the model ranges of the parts cover, and why there are none; each text once."""
-    texts = [each.result.range_text for each in batch.entries if each.result is not None]
+    texts = [each.range_text for each in batch.results]
     return list(dict.fromkeys(filter(None, texts)))
 
 

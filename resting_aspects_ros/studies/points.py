@@ -34,7 +34,6 @@ from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.starts import RestStarts, Starts, pose_starts, starts_of
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE, no_drops
-from resting_aspects_ros.statistics.model_range import ModelRange
 from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.studies.design import Setting
 
@@ -260,8 +259,6 @@ class Case:
         Drops that ended otherwise; columns as in OUTSIDE.
     skipped : dict of int to str
         Why points are impossible for this part.
-    model : ModelRange or None
-        The model ranges of the symmetry classes, if there is one point and they are known.
     """
 
     part: Part
@@ -269,7 +266,6 @@ class Case:
     classes: Counts
     other: Counts
     skipped: dict[int, str] = field(default_factory=dict)
-    model: ModelRange | None = None
 
     @property
     def class_names(self) -> list[str]:

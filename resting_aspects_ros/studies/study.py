@@ -41,7 +41,7 @@ from resting_aspects_ros.studies.design import (
     point_values,
     read_factor,
 )
-from resting_aspects_ros.studies.effects import Effects, Finding, effects_of, entropy, findings_of
+from resting_aspects_ros.studies.effects import Effects, Finding, effects_of, findings_of
 from resting_aspects_ros.studies.points import (
     STORE,
     Case,
@@ -185,7 +185,6 @@ class StudyResult(Result):
             lower, upper = bounds(table, case.drops, confidence=self.spec.confidence)
             ranges = self.model_ranges(case)
             names = [*case.class_names, 'elsewhere']
-            bits = entropy(table / np.maximum(case.drops, 1)[:, None])
             for point, count in np.ndindex(table.shape):
                 drops = int(case.drops[point])
                 low, high = None, None
@@ -204,7 +203,6 @@ class StudyResult(Result):
                     'upper': float(upper[point, count]),
                     'model_lower': low,
                     'model_upper': high,
-                    'entropy_bit': float(bits[point]) if drops else None,
                     'skipped': case.skipped.get(point, ''),
                 }
 

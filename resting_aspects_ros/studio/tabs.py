@@ -52,7 +52,7 @@ from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import MAX_DROPS
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.studies import pages
-from resting_aspects_ros.studies.batch import BatchEntry, compare_cases
+from resting_aspects_ros.studies.batch import compare_designs
 from resting_aspects_ros.studies.calibration.calibrate import calibrate
 from resting_aspects_ros.studies.calibration.result import CalibrationResult
 from resting_aspects_ros.studio.export import (
@@ -351,18 +351,19 @@ def _side(name: str, result: DropResult) -> Text:
 
 def _designs(first: Opened, second: Opened, a: DropResult, b: DropResult) -> Iterator[Item]:
     """Yield the comparison of two parts, whose classes are matched in one frame."""
-    cases = [BatchEntry(each.run.part, each).case for each in (a, b)]
-    sides = list(zip(cases, (first, second), strict=True))
-    pictures = {id(case): list(opened.pictures) for case, opened in sides}
+    pictures = {id(a): list(first.pictures), id(b): list(second.pictures)}
     confidence = a.distribution.confidence
-    for found in compare_cases(cases, confidence):
+    for found in compare_designs((a, b), confidence):
         yield from pages.comparison_items(found, pictures, confidence)
     for text in dict.fromkeys([a.range_text, b.range_text]):
         yield Text(text, 'plain')
-    for case, opened in sides:
-        classes = zip(opened.names, pages.case_colours(case), opened.pictures, strict=False)
-        tiles = [Tile(name, colour, picture, []) for name, colour, picture in classes]
-        yield Gallery(tiles, case.part.name)
+    for result in (a, b):
+        rows = class_rows(result.distribution)
+        tiles = [
+            Tile(row.name, row.colour, picture, [])
+            for row, picture in zip(rows, pictures[id(result)], strict=False)
+        ]
+        yield Gallery(tiles, result.run.part)
 
 
 # -- Hand counts: parts that were counted by hand, against the simulation -------------------------

@@ -1,13 +1,15 @@
 """Batches of parts, and designs of a part side by side."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.studies.batch import compare_cases, match_aspects
+from resting_aspects_ros.statistics.distribution import Distribution
+from resting_aspects_ros.studies.batch import compare_designs, match_aspects
 from resting_aspects_ros.studies.pages import batch_page, batch_range_texts
-from resting_aspects_ros.studies.points import Case
 
 
 def test_bad_files_do_not_cost_the_others(tmp_path, here):
@@ -29,7 +31,7 @@ def test_parts_have_independent_reproducible_seeds(here):
 
     def batch(*parts, seed=5):
         entries = ra.drop_batch(parts, 20, seed=seed, model_range=False, workers=here()).entries
-        results = {each.case.part.name: each.result for each in entries}
+        results = {each.source: each.result for each in entries}
         return {n: (r.run.seed, r.distribution.counts.tolist()) for n, r in results.items()}
 
     first, second = batch('tetrahedron'), batch('box_10x20x30', 'tetrahedron')
@@ -50,7 +52,7 @@ def test_index_of_a_batch_states_what_the_model_ranges_cover_once(here):
     batch = ra.drop_batch(['tetrahedron', 'l_bracket'], 50, workers=here())
     (text,) = batch_range_texts(batch)
     assert 'restitution and friction' in text
-    assert batch_page(batch, 'index.html', compare=False).sections[0].items[0] == text
+    assert batch_page(batch, 'index.html').sections[0].items[0] == text
 
 
 @pytest.fixture(scope='module')
@@ -73,16 +75,16 @@ def test_design_in_the_same_frame_is_matched(bracket, longer, solid, solids):
     assert match_aspects(*bracket, plate, ra.find_aspects(plate))[0] == ()
 
 
-def test_difference_of_shared_aspects_is_within_its_interval(bracket, longer):
-    drops = 50_000
-    generator = np.random.default_rng(1)
+def test_difference_of_shared_aspects_is_within_its_interval(bracket, longer, here):
+    drops, generator = 50_000, np.random.default_rng(1)
     shares = np.array([[0.3, 0.3, 0.2, 0.1, 0.1], [0.25, 0.3, 0.2, 0.1, 0.15]])
-    other = np.zeros((1, 5), dtype=int)
-    cases = [
-        Case(*each, generator.multinomial(drops, p, size=1), other)
-        for each, p in zip((bracket, longer), shares, strict=True)
-    ]
-    (found,) = compare_cases(cases, 0.999)
+    made = ra.drop('l_bracket', 10, model_range=False, workers=here())
+    results = []
+    for (part, aspects), p in zip((bracket, longer), shares, strict=True):
+        # One class for each aspect, in the same order.
+        distribution = Distribution(aspects, generator.multinomial(drops, p), 0, 0, 0)
+        results.append(dataclasses.replace(made, part=part, distribution=distribution))
+    (found,) = compare_designs(results, 0.999)
     assert len(found.shared) == 5
     for pair, truth in zip(found.shared, shares[1] - shares[0], strict=True):
         assert pair.lower < truth < pair.upper

@@ -163,7 +163,7 @@ def verdicts(cylinder, share, tolerance, drops=600, seed=1):
 
 def test_factor_that_moves_the_shares_is_worth_measuring(cylinder):
     effects, found = verdicts(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.05)
-    assert effects.factors[0].change.lower < 0.2 < effects.factors[0].change.upper
+    assert effects.changes[0].lower < 0.2 < effects.changes[0].upper
     assert found['restitution'].verdict == WORTH
     assert found['friction'].verdict == NOT_WORTH
     assert list(found) == ['restitution', 'friction']  # the larger one first
