@@ -16,7 +16,7 @@ from typing import Any
 __version__ = '0.1.0'
 
 _MODULES = {
-    'CalibrationResult': 'studies.calibration.result',
+    'CalibrationResult': 'studies.calibration.calibrate',
     'BatchResult': 'studies.batch',
     'ClassificationResult': 'api.classify',
     'ComparisonResult': 'api.compare',

@@ -71,11 +71,6 @@ class CountSessions:
 
     classes : int
         Number of symmetry classes of the part, c.
-
-    Attributes
-    ----------
-    late : int
-        Number of reports that arrived after a later one of their session; they are not needed.
     """
 
     def __init__(self, classes: int) -> None:
@@ -83,7 +78,6 @@ class CountSessions:
         # Time of the newest report of each session, and its totals by action; see _SUPPLIED.
         self._sessions: dict[str, tuple[int, dict[str, Counts]]] = {}
         self._totals = {_SUPPLIED: np.zeros(classes, dtype=np.int64)}
-        self.late = 0
 
     @property
     def supplied(self) -> Counts:
@@ -122,8 +116,7 @@ class CountSessions:
         given = {action: counts for action, counts in given.items() if len(counts)}
         for action, counts in given.items():
             for place in np.flatnonzero(counts < known.get(action, 0))[:1].tolist():
-                if time < newest:
-                    self.late += 1
+                if time < newest:  # a later report of the session has arrived before
                     return np.zeros(c, dtype=np.int64)
                 raise self._decreased(action, place, int(counts[place]), known[action][place])
         new = {action: counts - known.get(action, 0) for action, counts in given.items()}

@@ -160,6 +160,13 @@ class Setting:
             )
         return new
 
+    def at(self, values: Mapping[str, float]) -> 'Setting | str':
+        """Return the setting with other values of factors, or why it is impossible."""
+        try:
+            return self.changed(values)
+        except InvalidValueError as error:
+            return str(error)
+
 
 def given_setting(
     surface: str | DropConditions,

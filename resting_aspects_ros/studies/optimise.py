@@ -49,7 +49,6 @@ from resting_aspects_ros.studies.points import (
     Monitor,
     Simulation,
     counted,
-    point_seed,
     run_tasks,
 )
 
@@ -286,12 +285,12 @@ class _Search:
     def counts(self, points: Array, drops: int, batch: str) -> Counts:
         """Return counts (m, c) of independent drops at points (m, d); see Drop."""
         values = point_values(self.factors, points)
-        found = self.counts_at([partial(self.base.changed, v) for v in values], drops, batch)
+        found = self.counts_at([self.base.at(v) for v in values], drops, batch)
         self.skipped += [(values[k], c) for k, c in enumerate(found) if isinstance(c, str)]
         return counted(found, len(self.objective.groups) + 1)
 
     def counts_at(
-        self, settings: Sequence[Callable[[], Setting]], drops: int, batch: str
+        self, settings: Sequence[Setting | str], drops: int, batch: str
     ) -> list[Counts | str | None]:
         """Return the counts (c,) of each setting, or why it is impossible; None if stopped."""
         before = self.made
@@ -305,12 +304,11 @@ class _Search:
         return found
 
     def _outcomes(
-        self, setting: Callable[[], Setting], drops: int, batch: str, monitor: Monitor
+        self, setting: Setting | str, drops: int, batch: str, monitor: Monitor
     ) -> Counts:
         """Return counts (c,) of the outcomes; raises InvalidValueError if it is impossible."""
-        made, simulation = setting(), self.simulation
-        seed = point_seed(self.seed, simulation.part, made, batch)
-        return self.objective.columns(simulation.counts(made, drops, seed, monitor))
+        found = self.simulation.counts(setting, drops, self.seed, batch, monitor)
+        return self.objective.columns(found)
 
     def found(self) -> OptimiseResult:
         """Search and compare; return what is known at the end, or if stopped."""
@@ -357,10 +355,7 @@ class _Search:
         # The conditions of the user are one of the points, if they are within the ranges.
         best = best_points(known, self.objective, self.budget, self.seed)
         points = [p for p in best if start is None or (p != start).any()]
-        settings: list[Callable[[], Setting]] = [
-            *(partial(self.base.changed, self.values(point)) for point in points),
-            lambda: self.base,
-        ]
+        settings = [*(self.base.changed(self.values(point)) for point in points), self.base]
         fresh = self.counts_at(settings, self.budget // 2 // len(settings), 'fresh')
         complete = not any(each is None for each in fresh)
         found: list[tuple[Candidate, Array]] = []
@@ -369,9 +364,10 @@ class _Search:
             if not complete:
                 own = None if point is None else known.get(tuple(point.tolist()))
             if isinstance(own, np.ndarray):
-                made, draws = setting(), self.objective.posterior(own, self.rng, DRAWS)
-                values = {factor.name: made.value(factor.name) for factor in self.factors}
-                candidate = Candidate(made, values, point, own, estimated(draws, self.confidence))
+                draws = self.objective.posterior(own, self.rng, DRAWS)
+                values = {factor.name: setting.value(factor.name) for factor in self.factors}
+                estimate = estimated(draws, self.confidence)
+                candidate = Candidate(setting, values, point, own, estimate)
                 found.append((candidate, self.objective.sign * draws))
         found.sort(key=lambda each: (each[0].point is None, -each[1].mean()))
         return found, complete

@@ -84,14 +84,18 @@ class Simulation:
             raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
         return cls(part, workers, landscape, aspects)
 
-    def counts(self, setting: Setting, drops: int, seed: int, monitor: Monitor) -> Counts:
-        """Return counts (k + 5,) of drops by aspect and by OUTSIDE.
+    def counts(
+        self, setting: Setting | str, drops: int, seed: int, purpose: str, monitor: Monitor
+    ) -> Counts:
+        """Return counts (k + 5,) of drops by aspect and by OUTSIDE; see point_seed.
 
         With an action, it is done once on each part that comes to rest in an aspect. Raises
-        InvalidValueError if the setting is impossible, and Stopped.
+        InvalidValueError if the setting is impossible (a text is the reason), and Stopped.
         """
+        if isinstance(setting, str):
+            raise InvalidValueError(setting)
         simulate = self.dropped if setting.action is None else self.dropped_and_acted
-        return simulate(setting, drops, seed, monitor)
+        return simulate(setting, drops, point_seed(seed, self.part, setting, purpose), monitor)
 
     def dropped(
         self,

@@ -51,7 +51,6 @@ from resting_aspects_ros.studies.points import (
     counted,
     counts_by_class,
     point_key,
-    point_seed,
     reasons,
     run_tasks,
 )
@@ -329,23 +328,15 @@ def study(
     if out is not None:
         make_folder('--out', Path(out))
     store = PointStore(None if out is None else Path(out) / STORE, worker_versions())
-    design = spec.made_design()
-    settings = [_setting(base, each) for each in point_values(spec.factors, design.points)]
+    made = spec.made_design()
+    settings = [base.at(each) for each in point_values(spec.factors, made.points)]
     with given_workers(workers) as pool:
         simulations = [Simulation.of(part, pool) for part in spec.parts]
         wanted = [(each, at) for each in simulations for at in settings]
         found = _made(wanted, spec, store, pool, progress, stopped)
     m, complete = len(settings), not any(each is None for each in found)
     cases = [_case(each, found[k * m : (k + 1) * m]) for k, each in enumerate(simulations)]
-    return StudyResult(spec, design, tuple(cases), complete)
-
-
-def _setting(base: Setting, values: Mapping[str, float]) -> Setting | str:
-    """Return the setting of a point, or why it is impossible."""
-    try:
-        return base.changed(values)
-    except InvalidValueError as error:
-        return str(error)
+    return StudyResult(spec, made, tuple(cases), complete)
 
 
 def _made(
@@ -369,8 +360,7 @@ def _made(
         key = f'{spec.seed} {point_key(simulation.part, setting)}'
         found.append(store.counts(key, spec.drops))
         if found[-1] is None:
-            seed = point_seed(spec.seed, simulation.part, setting)
-            task = partial(simulation.counts, setting, spec.drops, seed)
+            task = partial(simulation.counts, setting, spec.drops, spec.seed, '')
             missing.append((index, key, task))
     known = 'missing ' if len(missing) < len(wanted) else ''
     label, total = f'{len(missing)} {known}points', spec.drops * len(missing)

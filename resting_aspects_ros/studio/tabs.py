@@ -53,8 +53,7 @@ from resting_aspects_ros.simulation.conditions import MAX_DROPS
 from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.studies import pages
 from resting_aspects_ros.studies.batch import compare_designs
-from resting_aspects_ros.studies.calibration.calibrate import calibrate
-from resting_aspects_ros.studies.calibration.result import CalibrationResult
+from resting_aspects_ros.studies.calibration.calibrate import CalibrationResult, calibrate
 from resting_aspects_ros.studio.export import (
     FILES,
     SURFACES_FILE,

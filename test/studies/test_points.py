@@ -97,7 +97,10 @@ def test_every_part_that_is_dropped_and_moved_is_counted_once(box):
 
 def test_action_after_drops_is_that_of_reorient(box, here):
     drops = 600
-    before, found = box.dropped(TAP, drops, 3, Monitor()), box.counts(TAP, drops, 3, Monitor())
+    before, found = (
+        box.dropped(TAP, drops, 3, Monitor()),
+        box.dropped_and_acted(TAP, drops, 3, Monitor()),
+    )
     matrix = ra.reorient(
         box.part, TAP.action, 200, surface=MAT, drops=10, seed=4, workers=here()
     ).matrix
@@ -109,7 +112,7 @@ def test_action_after_drops_is_that_of_reorient(box, here):
 def test_strong_action_is_impossible(box):
     strong = TAP.changed({'action.speed': 20.0})
     with pytest.raises(InvalidValueError, match='it moves box_10x20x30'):
-        box.counts(strong, 10, 1, Monitor())
+        box.counts(strong, 10, 1, '', Monitor())
 
 
 @pytest.mark.slow

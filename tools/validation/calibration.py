@@ -5,8 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 from rich.progress import track
 
-from resting_aspects_ros.studies.calibration.calibrate import Simulation, calibrate, given_counts
-from resting_aspects_ros.studies.calibration.result import CalibrationResult, statements
+from resting_aspects_ros.studies.calibration.calibrate import (
+    CalibrationResult,
+    Simulation,
+    calibrate,
+    given_counts,
+    statements,
+)
 from validation.document import paragraphs
 from validation.dropper import ROOT, SEED, Dropper
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.simulation.conditions import Surfaces, surfaces_file
-from resting_aspects_ros.studies.calibration.calibrate import summarise
-from resting_aspects_ros.studies.calibration.result import statements
+from resting_aspects_ros.studies.calibration.calibrate import statements, summarise
 
 from .conftest import fitted
 
