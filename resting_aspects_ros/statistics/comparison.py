@@ -242,8 +242,6 @@ def p_of_window(
 # -- Comparison -----------------------------------------------------------------------------------
 
 
-# The sum of probabilities in a file may differ from 1 by this, because of rounding.
-SUM_TOLERANCE = 1e-3
 # The counts of drops that are in no aspect.
 REST = ('unclassified', 'unsettled', 'failed')
 
@@ -357,10 +355,12 @@ def compare_with_exact(
 ) -> Comparison:
     """Return the comparison of drops with exact probabilities, such as those of an estimator.
 
-    Raises InvalidValueError as `compare`, and if the sum of ``probabilities`` (k,) is not 1.
+    probabilities : (k,) float
+        Their sum is 1, but for rounding. Raises InvalidValueError as `compare`.
     """
     one = _counts('first', first)
-    exact = _probabilities(probabilities)
+    exact = np.asarray(probabilities, dtype=np.float64)
+    exact = exact / exact.sum()
     _check_aspect_count('the estimate', len(exact), len(one))
     lower, upper = bounds(one, one.sum(), SIMULTANEOUS, confidence)
     p_value, p_by = p_of_one(one, exact, generator)
@@ -392,16 +392,6 @@ def _counts(name: str, given: DropCounts | Distribution) -> Counts:
             'not all 0'
         )
     return counts
-
-
-def _probabilities(given: npt.ArrayLike) -> Array:
-    exact: Array = np.asarray(given, dtype=np.float64)
-    # Written so that NaN is rejected.
-    if not ((exact >= 0).all() and abs(exact.sum() - 1) <= SUM_TOLERANCE):
-        raise InvalidValueError(
-            f'invalid probabilities {exact.tolist()}: expected 0 or more with a sum of 1'
-        )
-    return np.asarray(exact / exact.sum())
 
 
 def _check_aspect_count(name: str, count: int, expected: int) -> None:

@@ -1,7 +1,7 @@
 """Find the conditions with the most of the wanted aspects, or with the least entropy."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -325,17 +325,22 @@ class _Search:
                 f'invalid ranges: expected at least 2 possible points, not {len(known)}{reason}'
             )
         found, complete = self._compared(known, start)
-        candidates = tuple(candidate for candidate, _ in found)
-        gains, certainty = compared([scores for _, scores in found], self.confidence)
+        candidates = [candidate for candidate, _ in found]
+        certainty = np.nan
+        if complete:
+            gains, certainty = compared([scores for _, scores in found], self.confidence)
+            candidates[1:] = [
+                replace(each, behind=gain)
+                for each, gain in zip(candidates[1:], gains, strict=True)
+            ]
         return OptimiseResult(
             part=self.simulation.part,
             aspects=self.simulation.aspects,
             objective=objective,
             factors=factors,
-            candidates=candidates,
+            candidates=tuple(candidates),
             start=next((each for each in candidates if each.setting is self.base), None),
-            gains=tuple(gains) if complete else (),
-            certainty=certainty if complete else np.nan,
+            certainty=certainty,
             points=[(self.values(np.array(point)), counts) for point, counts in known.items()],
             skipped=tuple(self.skipped),
             budget=self.budget,

@@ -190,6 +190,8 @@ class Candidate:
         Drops by outcome: the groups of the objective, then all other ends.
     estimate : Estimated
         The value of the objective, by these drops.
+    behind : Advantage or None
+        By how much the best conditions are better; None for these, and without fresh drops.
     """
 
     setting: Setting
@@ -197,6 +199,7 @@ class Candidate:
     point: Array | None
     counts: Counts
     estimate: Estimated
+    behind: Advantage | None = None
 
     @property
     def drops(self) -> int:
@@ -220,10 +223,9 @@ class OptimiseResult(Result):
         from which the search started. If these are outside the ranges, they are last.
     start : Candidate or None
         The conditions from which the search started; None if they are impossible.
-    gains : tuple of Advantage
-        By how much the first candidate is better than each other one, by fresh drops.
     certainty : float
-        Posterior probability that it is better than all of them; NaN without fresh drops.
+        Posterior probability that the first candidate is better than all others; NaN without fresh
+        drops.
     points : list of (dict of str to float, (c,) int)
         Points of the search: values of the factors, SI units, and counts.
     skipped : list of (dict of str to float, str)
@@ -241,7 +243,6 @@ class OptimiseResult(Result):
     factors: tuple[Factor, ...]
     candidates: tuple[Candidate, ...]
     start: Candidate | None
-    gains: tuple[Advantage, ...]
     certainty: float
     points: Sequence[tuple[Mapping[str, float], Counts]]
     skipped: Sequence[tuple[Mapping[str, float], str]]
@@ -302,11 +303,6 @@ class OptimiseResult(Result):
             return 'No model range: it is known for shares, and not for the entropy.'
         return self.best.setting.range_text
 
-    def over(self, other: Candidate | None) -> Advantage | None:
-        """Return by how much the best conditions are better than others; None if not known."""
-        gains = dict(zip(map(id, self.candidates[1:]), self.gains, strict=False))
-        return gains.get(id(other))
-
     @property
     def notes(self) -> list[str]:
         """Sentences that state how certain the answer is, and what limits it."""
@@ -333,8 +329,8 @@ class OptimiseResult(Result):
                 for factor in self.factors
             ],
             **{name: self._compared_document(c) for name, c in compared.items()},
-            'over_second': plain(self.over(self.second)),
-            'over_start': plain(self.over(self.start)),
+            'over_second': plain(self.second and self.second.behind),
+            'over_start': plain(self.start and self.start.behind),
             'certainty': plain(self.certainty),
             'winner': self.winner,
             'notes': self.notes,
@@ -431,17 +427,14 @@ def certainty_text(certainty: float) -> str:
 
 def _comparison_notes(result: OptimiseResult) -> Iterator[str]:
     """Say how the best conditions compare with the others."""
-    if not result.gains:
-        return
-    if not result.winner:
+    if not np.isnan(result.certainty) and not result.winner:
         yield (
             'No winner: the probability that the best conditions are better than all others that '
             f'were compared is {certainty_text(result.certainty)}.'
         )
     for other, name in ((result.second, 'the second conditions'), (result.start, 'yours')):
-        found = result.over(other)
-        if found is not None:
-            yield _against(found, result.objective, name)
+        if other is not None and other.behind is not None:
+            yield _against(other.behind, result.objective, name)
 
 
 def _against(found: Advantage, objective: Objective, other: str) -> str:
@@ -482,7 +475,7 @@ def _limit_notes(result: OptimiseResult) -> Iterator[str]:
         )
     if not result.complete:
         yield f'The search ended early, after {result.drops} of {result.budget} drops.'
-    if not result.gains:
+    if np.isnan(result.certainty):
         yield (
             'The best conditions were not confirmed by fresh drops: their value is that of the '
             'drops that selected them, and is probably too good.'

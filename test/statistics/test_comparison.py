@@ -153,8 +153,6 @@ def test_bounds_of_all_deviations_hold_simultaneously(first, second, drops):
             [1, 1, 1],
             'number of aspects 3 of the second',
         ),
-        (with_exact, [5, 5], [1.0, math.nan], 'invalid probabilities'),
-        (with_exact, [5, 5], [1.5, -0.5], 'invalid probabilities'),
         (with_exact, [5, 5], [1.0], 'number of aspects 1'),
     ],
 )

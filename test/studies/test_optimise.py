@@ -44,7 +44,8 @@ def test_document_has_the_counts_of_all_drops(found, tmp_path):
     # Conditions outside the ranges are compared, and are not the best.
     assert found.start.point is None
     assert found.candidates[-1] is found.start
-    assert found.over(found.start) is found.gains[-1]
+    assert found.start.behind is not None
+    assert found.best.behind is None
     found.save_csv(tmp_path / 'p.csv')
     header, *rows = (tmp_path / 'p.csv').read_text().splitlines()
     assert (header, len(rows)) == ('height,friction,1+2,other', len(found.points))
