@@ -46,7 +46,7 @@ from resting_aspects_ros.system import parts_folder
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop import DropResult
 
-PARTS, INDEX, DOCUMENT = 'parts', 'index.html', 'distribution.json'
+INDEX, DOCUMENT = 'index.html', 'distribution.json'
 # Aspects whose down directions differ by more than this are not the same, rad.
 MAX_ANGLE = np.radians(20.0)
 # Heights of the centre of mass of the same aspect differ by at most this, R.
