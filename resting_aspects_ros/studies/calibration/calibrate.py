@@ -58,7 +58,7 @@ POINTS_PER_FACTOR, MIN_POINTS, MAX_POINTS = 32, 8, 1024
 # Simulated drops of a part at each point: as many as were counted, within bounds. All points
 # together determine the shares, so that they add little to the variance of the counts.
 MIN_DROPS, MAX_DROPS = 100, 300
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 # Draws of the posterior in the document, and in a surfaces file.
 DRAWS, SAMPLES = 200, 64
 # Below this probability, the counts are said to contradict every surface.
