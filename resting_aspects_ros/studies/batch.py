@@ -345,51 +345,53 @@ def drop_batch(
     if folder is not None:
         make_folder('--out', folder)
     entries: list[BatchEntry] = []
-    with given_workers(workers) as pool:
-        for source in sources:
-            if stopped():
-                break
-            entry = BatchEntry(source.name if isinstance(source, Part) else str(source))
-            try:
-                mesh = None if isinstance(source, Part) else mesh_file(source)
-                part = source
-                if not isinstance(part, Part):
-                    part = load_part(part, None if mesh is None else unit)
-                result = drop(
-                    part,
-                    drops,
-                    surface=given,
-                    precision=precision,
-                    seed=part_seed(seed, part),
-                    interval=interval,
-                    confidence=confidence,
-                    model_range=model_range,
-                    workers=pool,
-                    keep_poses=False,
-                    force=force,
-                    progress=progress,
-                )
-                result = dataclasses.replace(result, mesh_file=mesh)
-                own = _folder(part.name, [each.folder for each in entries])
-                entry = dataclasses.replace(entry, result=result, folder=own)
-                if folder is not None:
-                    make_folder('--out', folder / own)
-                    result.save_json(folder / own / DOCUMENT)
-                    with analysis(f'the report on {part.name}'):
-                        result.report(folder / own)
-            except (EngineError, OutputError):
-                raise
-            except RestingAspectsError as error:
-                entry = dataclasses.replace(entry, error=str(error))
-            entries.append(entry)
-    complete = len(entries) == len(sources) and not any(entry.error for entry in entries)
-    batch = BatchResult(tuple(entries), complete, confidence, folder, seed)
-    if folder is not None:
-        with analysis('the index of the batch'):
-            # This import takes about a second.
-            from resting_aspects_ros.studies.pages import batch_page
+    try:
+        with given_workers(workers) as pool:
+            for source in sources:
+                if stopped():
+                    break
+                entry = BatchEntry(source.name if isinstance(source, Part) else str(source))
+                try:
+                    mesh = None if isinstance(source, Part) else mesh_file(source)
+                    part = source
+                    if not isinstance(part, Part):
+                        part = load_part(part, None if mesh is None else unit)
+                    result = drop(
+                        part,
+                        drops,
+                        surface=given,
+                        precision=precision,
+                        seed=part_seed(seed, part),
+                        interval=interval,
+                        confidence=confidence,
+                        model_range=model_range,
+                        workers=pool,
+                        keep_poses=False,
+                        force=force,
+                        progress=progress,
+                    )
+                    result = dataclasses.replace(result, mesh_file=mesh)
+                    own = _folder(part.name, [each.folder for each in entries])
+                    entry = dataclasses.replace(entry, result=result, folder=own)
+                    if folder is not None:
+                        make_folder('--out', folder / own)
+                        result.save_json(folder / own / DOCUMENT)
+                        with analysis(f'the report on {part.name}'):
+                            result.report(folder / own)
+                except (EngineError, OutputError):
+                    raise
+                except RestingAspectsError as error:
+                    entry = dataclasses.replace(entry, error=str(error))
+                entries.append(entry)
+    finally:  # the parts that are done are in the index if the engine or the disk fails
+        complete = len(entries) == len(sources) and not any(entry.error for entry in entries)
+        batch = BatchResult(tuple(entries), complete, confidence, folder, seed)
+        if folder is not None:
+            with analysis('the index of the batch'):
+                # This import takes about a second.
+                from resting_aspects_ros.studies.pages import batch_page
 
-            write_page(batch_page(batch, INDEX), folder)
+                write_page(batch_page(batch, INDEX), folder)
     return batch
 
 

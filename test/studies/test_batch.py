@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 import resting_aspects_ros as ra
+from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.studies.batch import compare_designs, match_aspects
 from resting_aspects_ros.studies.pages import batch_page, batch_range_texts
@@ -53,6 +54,17 @@ def test_index_of_a_batch_states_what_the_model_ranges_cover_once(here):
     (text,) = batch_range_texts(batch)
     assert 'restitution and friction' in text
     assert batch_page(batch, 'index.html').sections[0].items[0] == text
+
+
+def test_index_has_the_parts_that_are_done_if_the_engine_fails(tmp_path, here):
+    workers = here(failing=(1,))
+    with pytest.raises(EngineError):
+        ra.drop_batch(
+            ['tetrahedron', 't_prism'], 20, model_range=False, out=tmp_path, workers=workers
+        )
+    index = (tmp_path / 'index.html').read_text(encoding='utf-8')
+    assert 'tetrahedron/' in index
+    assert 't_prism' not in index
 
 
 @pytest.fixture(scope='module')
