@@ -89,21 +89,35 @@ class Setting:
     @property
     def document(self) -> dict[str, Any]:
         """The setting as plain values."""
+        conditions = self.conditions.document()
+        conditions.pop('surroundings')
+        conditions['height_of'] = HeightOf(self.conditions.height_of).name
+        name = conditions.pop('surface')
         return {
-            'conditions': self.drop_conditions.document(),
-            'action': None if self.action is None else self.action.values,
+            **({'surface': name} if name else {}),
+            'conditions': conditions,
+            **({} if self.surroundings is None else {'surroundings': self.surroundings.document}),
+            **({} if self.action is None else {'action': self.action.values}),
         }
 
     def quantity(self, name: str) -> Quantity:
         """Return unit and bounds of what a factor varies; raises InvalidValueError."""
         known = self.quantities()
-        if name not in known:
+        if name in known:
+            return known[name]
+        group = name.partition('.')[0]
+        if group == 'surroundings' and self.surroundings is None:
             raise InvalidValueError(
-                f'invalid factor {shown(name)}: expected one of {", ".join(known)}'
-                f'{did_you_mean(name, known)}; surroundings.NAME and action.NAME vary if '
-                'surroundings and an action are given'
+                f'invalid factor {shown(name)}: expected surroundings, in which it is varied'
             )
-        return known[name]
+        if group == 'action' and self.action is None:
+            raise InvalidValueError(
+                f'invalid factor {shown(name)}: expected an action, whose value is varied'
+            )
+        raise InvalidValueError(
+            f'invalid factor {shown(name)}: expected one of {", ".join(known)}'
+            f'{did_you_mean(name, known)}'
+        )
 
     def quantities(self) -> dict[str, Quantity]:
         """Return everything that can vary, by name."""
@@ -293,7 +307,7 @@ class Factor:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The factor as plain values."""
+        """The factor as plain values, as `read_factor` reads it."""
         document: dict[str, Any] = {'low': self.low, 'high': self.high}
         if self.levels:
             document['levels'] = self.levels
@@ -316,30 +330,51 @@ def parse_ranges(texts: Sequence[str]) -> dict[str, str]:
 
 
 def read_factor(name: str, given: Any, base: Setting) -> Factor:
-    """Return a factor from its range: a text or two numbers; raises InvalidValueError."""
+    """Return a factor from its range: a text, a pair or a mapping; raises InvalidValueError."""
     name = name.replace('-', '_')
     quantity = base.quantity(name)
-    ends, levels, logarithmic = given, 0, False
     if isinstance(given, str):
-        ends = [word.strip() for word in given.split(':')]
-        logarithmic = ends[-1].lower() == 'log'
-        if logarithmic:
-            del ends[-1]
-        if len(ends) == 3 and ends[2].isdecimal() and 0 < int(ends[2][:DIGITS]) <= MAX_LEVELS:
-            levels = int(ends.pop())
-    if not isinstance(ends, tuple | list) or len(ends) != 2 or '' in ends:
+        given = _range(name, given)
+    elif isinstance(given, tuple | list) and len(given) == 2:
+        given = dict(zip(('low', 'high'), given, strict=True))
+    known = {'low', 'high', 'levels', 'logarithmic'}
+    if not isinstance(given, Mapping) or not {'low', 'high'} <= given.keys() <= known:
         raise InvalidValueError(
-            f'invalid range {shown(given)} of {name}: expected {EXPECTED}, with 2 to {MAX_LEVELS} '
-            'levels, or two numbers'
+            f'invalid range {shown(given)} of {name}: expected {EXPECTED}, or a mapping with low, '
+            'high and perhaps levels and logarithmic'
         )
     low, high = (
         quantity.check(
             f'{end} of {name}',
             parse_quantity(name, each, quantity.unit) if isinstance(each, str) else each,
         )
-        for end, each in zip(('low', 'high'), ends, strict=True)
+        for end, each in (('low', given['low']), ('high', given['high']))
     )
-    return Factor(name, low, high, levels, logarithmic, quantity.unit, quantity.label)
+    levels, logarithmic = given.get('levels'), given.get('logarithmic', False)
+    if type(levels) is int and not levels:
+        raise InvalidValueError(
+            f'invalid number of levels 0 of {name}: expected 2 to {MAX_LEVELS}, or none for all '
+            'values in between'
+        )
+    if not isinstance(levels, int | None) or levels is True or type(logarithmic) is not bool:
+        raise InvalidValueError(
+            f'invalid range {shown(given)} of {name}: expected an integer for levels, and true '
+            'or false for logarithmic'
+        )
+    return Factor(name, low, high, levels or 0, logarithmic, quantity.unit, quantity.label)
+
+
+def _range(name: str, text: str) -> dict[str, Any]:
+    """Return the range in a text as a mapping."""
+    words = [word.strip() for word in text.split(':')]
+    found: dict[str, Any] = {'logarithmic': words[-1].lower() == 'log'}
+    if found['logarithmic']:
+        del words[-1]
+    if len(words) == 3 and words[2].isdecimal() and len(words[2]) < DIGITS:
+        found['levels'] = int(words.pop())
+    if len(words) != 2 or '' in words:
+        raise InvalidValueError(f'invalid range {shown(text)} of {name}: expected {EXPECTED}')
+    return {'low': words[0], 'high': words[1], **found}
 
 
 def check_factors(factors: Sequence[Factor], base: Setting, parts: Sequence[Part]) -> None:

@@ -195,7 +195,7 @@ def optimise(
     ----------
     part : Part, str or Path
         A part, or what `load_part` accepts.
-    vary : mapping of str to str or (float, float)
+    vary : mapping of str to str, (float, float) or mapping
         Ranges of the factors: conditions, ``surroundings.angle`` or ``action.speed``; a text such
         as '20mm:200mm' or '20mm:200mm:7' (7 levels), or the two ends in SI units.
     wanted, wanted_classes : sequence of int, optional

@@ -25,8 +25,9 @@ from resting_aspects_ros.statistics.model_range import model_bounds
 from resting_aspects_ros.studies.design import Factor, Setting
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from resting_aspects_ros.report.page import Page
 
+PAGE = 'report.html'
 # The best value is at a bound if it is this close to it, relative to the range.
 AT_BOUND = 0.01
 # Pseudo-drops of the Dirichlet prior, divided among the outcomes: 1 drop in all (Perks 1947).
@@ -373,12 +374,12 @@ class OptimiseResult(Result):
         ]
         write_rows(Path(path), rows)
 
-    def figure(self) -> 'Figure':
-        """Return the points of the search over each factor."""
+    def page(self) -> 'Page':
+        """Return a page with the objective over each factor."""
         # This import takes about a second.
-        from resting_aspects_ros.studies.pages import points_figure
+        from resting_aspects_ros.studies.pages import optimise_page
 
-        return points_figure(self)
+        return optimise_page(self, PAGE)
 
     def candidate_table(self) -> Table:
         """Return the table of the conditions that are compared."""

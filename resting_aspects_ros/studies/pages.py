@@ -299,6 +299,43 @@ def factor_axis(axes: 'Axes', factor: Factor, name: Literal['x', 'y'] = 'x') -> 
     getattr(axes, f'set_{name}label')(factor.title, size=8.5, color=TEXT, labelpad=4)
 
 
+def optimise_page(result: 'OptimiseResult', file: str) -> Page:
+    """Return the page of a search for the best conditions."""
+    first, *others = result.notes
+    answer: list[Item] = [result.candidate_table()]
+    answer.append(Findings([('open', first, ''), *(('open', '', note) for note in others)]))
+    notes: list[str] = []
+    with analysis('the pictures of the wanted aspects', notes):
+        if wanted := [a for a in result.aspects if a.id in result.objective.wanted]:
+            colours = [aspect_colour(aspect) for aspect in wanted]
+            part = picture_part(result.part, result.aspects)
+            images = draw_parts(pose_parts(part, wanted), [rgb(c) for c in colours], PIXELS)
+            names = [f'aspect {aspect.id}' for aspect in wanted]
+            pictures = map(picture_uri, images)
+            answer.insert(0, _gallery(names, colours, pictures, [('wanted',)] * len(names)))
+    chart = Chart(
+        'points',
+        'Charts of the objective over each factor',
+        partial(points_figure, result),
+        'A dot for each point of the search; the larger, the more drops. Dashed: the best value.',
+    )
+    return Page(
+        file=file,
+        title=result.part.name,
+        topic='best conditions',
+        lead=f'Conditions with the {result.aim}',
+        subtitle=f'{result.drops} drops at {len(result.points)} points, seed {result.seed}',
+        sections=[Section('Answer', 'answer', answer), Section('Search', 'search', [chart])],
+        reading=reading('optimise', chance=f'{100 - 100 * result.confidence:g}'),
+        facts={
+            'Factors': [(f.label or f.name, _range(f)) for f in result.factors],
+            'Conditions': [('best', conditions_text(result.best.setting.drop_conditions))],
+            'Search': [('maximum number of drops', str(result.budget))],
+        },
+        notes=notes,
+    )
+
+
 def points_figure(result: 'OptimiseResult') -> 'Figure':
     """Return the objective over each factor at the points of the search, and the best value."""
     figure, panels = _panels(len(result.factors), PANEL_HEIGHT)

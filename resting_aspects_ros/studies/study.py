@@ -267,7 +267,7 @@ def study(
     ----------
     parts : Part, str, Path or sequence of them
         Parts, or what `load_part` accepts; a folder stands for the mesh files in it.
-    vary : mapping of str to str or (float, float)
+    vary : mapping of str to str or mapping
         Range of each factor, such as ``{'height': '20mm:200mm:7', 'restitution': '0.3:0.8'}``. A
         factor is a condition, a value of the surroundings such as 'surroundings.angle', or of the
         action such as 'action.speed'.

@@ -36,7 +36,7 @@ def test_study_writes_its_folder_and_continues_it(run, own, tmp_path):
     names = {path.name for path in (tmp_path / 'out').iterdir()}
     assert {'study.json', 'points.jsonl', 'results.csv', 'page.html'} <= names
     written = json.loads((tmp_path / 'out' / 'study.json').read_text(encoding='utf-8'))
-    assert tuple(written['conditions'][name] for name in ('surface', 'friction')) == ('ice', 0.02)
+    assert (written['surface'], written['conditions']['friction']) == ('ice', 0.02)
     assert [each['factor'] for each in written['findings']] == ['restitution', 'height']
     before = (tmp_path / 'out/points.jsonl').read_bytes()
     few = ('--points', '3', '--drops', '20', '--workers', '1', '--out', 'out')

@@ -114,7 +114,7 @@ def test_impossible_start_is_not_compared(optimise):
     [
         ({}, {'wanted': [1]}, 'expected at least one'),
         ({'height': '1mm:2mm'}, {}, 'expected one of wanted aspects'),
-        ({'action.speed': '0.1:1'}, {'wanted': [1]}, "invalid factor 'action.speed'"),
+        ({'action.speed': '0.1:1'}, {'wanted': [1]}, 'expected an action'),
         ({'height': (1, 2, 3)}, {'wanted': [1]}, 'invalid range'),
         ({'height': '1mm:2mm'}, {'wanted': [1], 'budget': 10}, 'invalid budget 10'),
         ({'height': '1mm:2mm'}, {'wanted': [1], 'confidence': 2}, 'invalid confidence'),

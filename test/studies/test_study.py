@@ -147,7 +147,7 @@ def test_surroundings_vary(here):
     given = {'surroundings': 'slope', 'vary': vary, 'design': 'factorial'}
     result = run(drops=10, workers=here(), **given)
     assert result.cases[0].drops.tolist() == [10, 10]
-    assert json.loads(result.to_json())['conditions']['surroundings']['kind'] == 'slope'
+    assert json.loads(result.to_json())['surroundings']['kind'] == 'slope'
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ EXAMPLES = """examples:
   resting_aspects optimise l_bracket --vary height=20mm:0.2 --minimise-entropy
 """
 
-DOCUMENT, POINTS, PICTURE = 'optimum.json', 'points.csv', 'optimum.png'
+DOCUMENT, POINTS = 'optimum.json', 'points.csv'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seed(parser, 'result')
     add_confidence(parser)
     add_workers(parser)
-    add_out(parser, 'write optimum.json, points.csv and optimum.png into this folder')
+    add_out(parser, 'write optimum.json, points.csv and the page report.html into this folder')
     add_output(parser, each=False)
     add_conditions(parser)
     add_surroundings(parser)
@@ -94,10 +94,11 @@ def run(arguments: argparse.Namespace) -> int:
         from resting_aspects_ros.simulation.conditions import all_surfaces
         from resting_aspects_ros.studies.design import parse_ranges
         from resting_aspects_ros.studies.optimise import optimise
+        from resting_aspects_ros.studies.optimum import PAGE
 
         conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
         part = requested_part(arguments)
-        out = result_folder(arguments, part.name, (DOCUMENT, POINTS, PICTURE))
+        out = result_folder(arguments, part.name, (DOCUMENT, POINTS, PAGE))
         result = optimise(
             part,
             parse_ranges(arguments.vary),
@@ -113,8 +114,8 @@ def run(arguments: argparse.Namespace) -> int:
             **started.options,
         )
         document = DOCUMENT, result.to_json
-        files = {POINTS: result.save_csv, PICTURE: result.save_picture}
-        finish(arguments, out, document, files, partial(_show, result))
+        files = {POINTS: result.save_csv}
+        finish(arguments, out, document, files, partial(_show, result), result.report)
         return exit_code(f'{result.drops} of {result.budget} drops', complete=result.complete)
 
 

@@ -235,7 +235,11 @@ def _conditions(
     """Return what is fitted and what is known; raises InvalidValueError."""
     with located('conditions'):
         both = {**WAYS[way], **(given or {})}
-        ranges = {k: v for k, v in both.items() if isinstance(v, str) and ':' in v}
+        ranges = {
+            k: v
+            for k, v in both.items()
+            if isinstance(v, Mapping) or (isinstance(v, str) and ':' in v)
+        }
         known = condition_values({k: v for k, v in both.items() if k not in ranges})
         # A factor needs unit and bounds only, which all conditions have.
         default = Setting(shipped_surfaces().get(DEFAULT_SURFACE))
