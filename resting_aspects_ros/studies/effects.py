@@ -352,7 +352,7 @@ def findings_of(
         else:
             verdict = OPEN
             sentence = f'{title}: too few points with drops to tell what it does.'
-        yield Finding(case.part.name, factor.name, verdict, sentence, details)
+        yield Finding(case.name, factor.name, verdict, sentence, details)
 
 
 def _sentence(change: Change, tolerance: float, confidence: float) -> str:

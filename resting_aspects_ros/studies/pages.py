@@ -115,7 +115,7 @@ def study_page(result: 'StudyResult', file: str) -> Page:
             Section('Findings', 'findings', [Findings(findings)]),
             *(
                 Section(
-                    case.part.name,
+                    case.name,
                     f'case-{k}',
                     list(_case_items(result, k, case, effects)),
                 )
@@ -189,7 +189,7 @@ def _study_notes(result: 'StudyResult') -> Iterator[str]:
         if case.skipped:
             k, reason = min(case.skipped.items())
             yield (
-                f'{case.part.name}: {len(case.skipped)} of {len(result.design.points)} points are '
+                f'{case.name}: {len(case.skipped)} of {len(result.design.points)} points are '
                 f'impossible and were skipped. Point {k}: {reason}.'
             )
 

@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, StrictStr
@@ -21,6 +21,8 @@ from resting_aspects_ros.api.runner import (
     Consumer,
     DropTally,
     Runner,
+    Tally,
+    TransitionTally,
 )
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -30,15 +32,19 @@ from resting_aspects_ros.errors import InvalidValueError, OutputError, one_line,
 from resting_aspects_ros.input_files import Count, validated
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspects_text
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.starts import RestStarts, Starts, pose_starts, starts_of
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import OUTSIDE, no_drops
 from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.design import Setting
 
 MAX_THREADS = 64
-STORE, STORE_VERSION = 'points.jsonl', 3
+STORE, STORE_VERSION = 'points.jsonl', 2
+
+T = TypeVar('T', bound=Tally)
 
 
 class Stopped(Exception):  # noqa: N818 - it is no error
@@ -110,25 +116,51 @@ class Simulation:
 
         With ``starts``, the part starts there instead of being released.
         """
-        job, run = plan_run(
+        found = self._counted(
+            lambda aspects: DropTally(no_drops(aspects), drops),
+            setting,
+            drops,
+            seed,
+            monitor,
+            consumers,
+            starts,
+        ).distribution
+        return np.append(found.counts, [getattr(found, name) for name in OUTSIDE])
+
+    def acted(self, setting: Setting, per_aspect: int, seed: int, monitor: Monitor) -> Counts:
+        """Return counts (k, k + 5) of actions from each aspect.
+
+        In surroundings, actions start from poses in which drops there end; an aspect in which
+        none ends has no actions.
+        """
+        assert setting.action is not None
+        rests: list[RestingPoses] = []
+        scene = scene_of(self.part, setting.drop_conditions)
+        setting.action.action.check(setting.action.name, scene)
+        if not scene.level:
+            quiet = Monitor(stopped=monitor.stopped)
+            self.dropped(
+                setting, DEFAULT_DROPS, seed, quiet, [lambda poses, _: rests.append(poses)]
+            )
+        starts = starts_of(
             self.part,
+            aspects_in(scene, self.aspects),
+            setting.action.action,
+            scene,
             setting.drop_conditions,
-            seed=seed,
-            drops=drops,
-            run_id='point',
-            started=0,
-            landscape=self.landscape,
+            RestingPoses.join(rests) if rests else None,
+        )
+        actions = per_aspect * starts.rows
+        tally = self._counted(
+            lambda aspects: TransitionTally(no_actions(aspects), actions, ids=starts.ids),
+            setting,
+            actions,
+            seed,
+            monitor,
             starts=starts,
         )
-        if starts is not None and setting.action is not None:
-            check_speed(self.part, setting.action, job)
-        tally = DropTally(no_drops(aspects_in(job.scene, self.aspects)), run.drops)
-        runner = Runner(self.workers, lambda done, _: monitor.update(done), monitor.stopped)
-        runner.count(job, run, tally, consumers)
-        if not tally.complete:
-            raise Stopped
-        found = tally.distribution
-        return np.append(found.counts, [getattr(found, name) for name in OUTSIDE])
+        # Parts that slide for ever are counted as unsettled.
+        return np.pad(tally.matrix.counts, ((0, 0), (0, 1)))
 
     def dropped_and_acted(
         self, setting: Setting, drops: int, seed: int, monitor: Monitor
@@ -168,6 +200,36 @@ class Simulation:
         # Parts that only the mesh of a curved side stopped are not at rest.
         found[k] += drops - found.sum()
         return found
+
+    def _counted(
+        self,
+        tally_of: Callable[[AspectSet], T],
+        setting: Setting,
+        drops: int,
+        seed: int,
+        monitor: Monitor,
+        consumers: Sequence[Consumer] = (),
+        starts: Starts | None = None,
+    ) -> T:
+        """Return the tally of drops, or of parts that start at ``starts``; raises Stopped."""
+        job, run = plan_run(
+            self.part,
+            setting.drop_conditions,
+            seed=seed,
+            drops=drops,
+            run_id='point',
+            started=0,
+            landscape=self.landscape,
+            starts=starts,
+        )
+        if starts is not None and setting.action is not None:
+            check_speed(self.part, setting.action, job)
+        tally = tally_of(aspects_in(job.scene, self.aspects))
+        runner = Runner(self.workers, lambda done, _: monitor.update(done), monitor.stopped)
+        runner.count(job, run, tally, consumers)
+        if not tally.complete:
+            raise Stopped
+        return tally
 
 
 def run_tasks(
@@ -255,12 +317,14 @@ def counts_by_class(aspects: AspectSet, counts: Counts) -> Counts:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Counts of one part at m points.
+    """Counts of one part, or of an action on a part at rest in one class, at m points.
 
     classes : (m, c) int
         Drops in each symmetry class.
     other : (m, 5) int
         Drops that ended otherwise; columns as in OUTSIDE.
+    start : int or None
+        Number of the symmetry class from which the actions start; None: dropped.
     skipped : dict of int to str
         Why points are impossible for this part.
     """
@@ -269,7 +333,15 @@ class Case:
     aspects: AspectSet
     classes: Counts
     other: Counts
+    start: int | None = None
     skipped: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The part, and the start if there is one."""
+        if self.start is None:
+            return self.part.name
+        return f'{self.part.name} from {self.class_names[self.start - 1]}'
 
     @property
     def class_names(self) -> list[str]:
@@ -303,7 +375,7 @@ class _Header(BaseModel):
 class _Point(BaseModel):
     point: StrictStr
     drops: Count
-    counts: list[Count]
+    counts: list[list[Count]]
 
 
 class PointStore:
@@ -336,7 +408,7 @@ class PointStore:
         return None if found is None or found[0] < drops else found[1]
 
     def add(self, key: str, drops: int, counts: Counts) -> None:
-        """Append the counts (c,) of a point; raises OutputError."""
+        """Append the counts (r, c) of a point; raises OutputError."""
         self._append({'point': key, 'drops': drops, 'counts': counts.tolist()})
         self._counts[key] = drops, counts
 

@@ -45,12 +45,14 @@ from resting_aspects_ros.studies.effects import Effects, Finding, effects_of, fi
 from resting_aspects_ros.studies.points import (
     STORE,
     Case,
+    Monitor,
     PointStore,
     Simulation,
     Task,
     counted,
     counts_by_class,
     point_key,
+    point_seed,
     reasons,
     run_tasks,
 )
@@ -59,8 +61,9 @@ if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page
 
 DOCUMENT, CSV, PAGE = 'study.json', 'results.csv', 'page.html'
-# Drops of all points together by default, and the bounds of those of one point.
-ALL_DROPS, MIN_DROPS, MAX_DROPS = 200_000, 400, 10_000
+# Drops of all points together by default, with an action from each aspect a fifth of them; and the
+# bounds of those of one point.
+ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 200_000, 400, 10_000, 5
 # A change of a share that matters to the reader of the page.
 DEFAULT_TOLERANCE = 0.05
 
@@ -76,7 +79,8 @@ class StudySpec:
     points : int
         Number of base points; see `make_design`.
     drops : int
-        Number of drops at each point; 0: as many as ALL_DROPS allow.
+        Number of drops at each point; with an action, of actions from each aspect. 0: as many as
+        ALL_DROPS allow.
     tolerance : float
         Change of a share that matters.
 
@@ -107,6 +111,7 @@ class StudySpec:
         count = len(self.made_design().points)
         if self.drops == 0 and type(self.drops) is int:
             each = min(max(ALL_DROPS // count, MIN_DROPS), MAX_DROPS)
+            each //= 1 if self.base.action is None else ACTIONS
             object.__setattr__(self, 'drops', each)
         check_drops(self.drops)
 
@@ -126,7 +131,7 @@ class StudyResult(Result):
     design : Design
         Points in the unit cube, and lines along each factor; see ``values``.
     cases : tuple of Case
-        Counts of each part.
+        Counts by part and, for actions, by the class from which they start.
     complete : bool
         Whether all drops are made, except at impossible points.
     """
@@ -146,7 +151,7 @@ class StudyResult(Result):
         """Curves, Sobol indices and largest changes of each case; None if nothing can vary."""
         found: list[Effects | None] = [None] * len(self.cases)
         for k, case in enumerate(self.cases):
-            with analysis(f'what the shares of {case.part.name} depend on'):
+            with analysis(f'what the shares of {case.name} depend on'):
                 found[k] = effects_of(case, self.design, self.spec.seed, self.spec.confidence)
         return found
 
@@ -193,6 +198,7 @@ class StudyResult(Result):
                     'point': point,
                     **values[point],
                     'part': case.part.name,
+                    'from_class': case.start,
                     'aspects': names[count],
                     'class': count + 1 if count < len(names) - 1 else None,
                     'count': int(table[point, count]),
@@ -274,13 +280,14 @@ def study(
     surface, surroundings
         As for `drop`.
     action : str, Action or NamedAction, optional
-        What is done once to each part that was dropped, before it is counted.
+        Do this to parts at rest in each aspect, instead of dropping them.
     design : str
         'curves' (over each factor, from each base point) or 'factorial'.
     points : int
         Number of base points; a factorial design has none.
     drops : int, optional
-        Number of drops at each point. By default about 200,000 drops are divided among the points.
+        Number of drops at each point; with an action, of actions from each aspect. By default
+        about 200,000 drops, or 40,000 actions from each aspect, are divided among the points.
     seed : int
         Seed of the design and of the drops.
     tolerance : float
@@ -335,7 +342,11 @@ def study(
         wanted = [(each, at) for each in simulations for at in settings]
         found = _made(wanted, spec, store, pool, progress, stopped)
     m, complete = len(settings), not any(each is None for each in found)
-    cases = [_case(each, found[k * m : (k + 1) * m]) for k, each in enumerate(simulations)]
+    cases = [
+        case
+        for k, each in enumerate(simulations)
+        for case in _cases(each, found[k * m : (k + 1) * m], acted=base.action is not None)
+    ]
     return StudyResult(spec, made, tuple(cases), complete)
 
 
@@ -349,10 +360,11 @@ def _made(
 ) -> list[Counts | str | None]:
     """Simulate and store what is missing.
 
-    Returns the counts (k + 5,) of parts, why they are impossible, or None if it was stopped.
+    Returns the counts (r, k + 5) of parts, why they are impossible, or None if it was stopped.
     """
     found: list[Counts | str | None] = []
     missing: list[tuple[int, str, Task]] = []
+    total = 0
     for index, (simulation, setting) in enumerate(wanted):
         if isinstance(setting, str):
             found.append(setting)
@@ -360,10 +372,10 @@ def _made(
         key = f'{spec.seed} {point_key(simulation.part, setting)}'
         found.append(store.counts(key, spec.drops))
         if found[-1] is None:
-            task = partial(simulation.counts, setting, spec.drops, spec.seed, '')
-            missing.append((index, key, task))
+            missing.append((index, key, partial(_simulated, simulation, setting, spec)))
+            total += spec.drops * (1 if setting.action is None else len(simulation.aspects))
     known = 'missing ' if len(missing) < len(wanted) else ''
-    label, total = f'{len(missing)} {known}points', spec.drops * len(missing)
+    label = f'{len(missing)} {known}points'
     with DropProgress(label, total, shown=total > 0 and progress) as bar:
         made = run_tasks(
             [task for _, _, task in missing],
@@ -378,9 +390,28 @@ def _made(
     return found
 
 
-def _case(simulation: Simulation, found: Sequence[Counts | str | None]) -> Case:
-    """Return the counts of a part at all points."""
-    aspects, k = simulation.aspects, len(simulation.aspects)
-    counts = counted(found, k + len(OUTSIDE))
-    classes, other = counts_by_class(aspects, counts[:, :k]), counts[:, k:]
-    return Case(simulation.part, aspects, classes, other, reasons(found))
+def _simulated(
+    simulation: Simulation, setting: Setting, spec: StudySpec, monitor: Monitor
+) -> Counts:
+    """Return counts (r, k + 5) of drops, r = 1, or of actions from each aspect."""
+    seed = point_seed(spec.seed, simulation.part, setting)
+    if setting.action is None:
+        return simulation.dropped(setting, spec.drops, seed, monitor)[None]
+    return simulation.acted(setting, spec.drops, seed, monitor)
+
+
+def _cases(
+    simulation: Simulation, found: Sequence[Counts | str | None], *, acted: bool
+) -> Iterator[Case]:
+    """Yield the counts of a part at all points, by the class from which actions start."""
+    part, aspects, k = simulation.part, simulation.aspects, len(simulation.aspects)
+    counts = counted(found, k if acted else 1, k + len(OUTSIDE))
+    classes, other = counts_by_class(aspects, counts[..., :k]), counts[..., k:]
+    skipped = reasons(found)
+    if not acted:
+        yield Case(part, aspects, classes[:, 0], other[:, 0], skipped=skipped)
+        return
+    for number, members in enumerate(aspects.classes(), 1):
+        own = [aspect.id - 1 for aspect in members]
+        ends = classes[:, own].sum(axis=1), other[:, own].sum(axis=1)
+        yield Case(part, aspects, *ends, number, skipped)

@@ -109,10 +109,21 @@ def test_action_after_drops_is_that_of_reorient(box, here):
     assert same_shares(found[:6], expected.round().astype(int))
 
 
+def test_actions_from_each_aspect_are_those_of_reorient(box, here):
+    found = box.acted(TAP, 200, 3, Monitor())
+    assert found.sum(axis=1).tolist() == [200] * 6
+    matrix = ra.reorient(
+        box.part, TAP.action, 200, surface=MAT, drops=10, seed=4, workers=here()
+    ).matrix
+    for row, expected in zip(found, matrix.counts, strict=True):
+        assert same_shares(row[:-1], expected)
+
+
 def test_strong_action_is_impossible(box):
     strong = TAP.changed({'action.speed': 20.0})
-    with pytest.raises(InvalidValueError, match='it moves box_10x20x30'):
-        box.counts(strong, 10, 1, '', Monitor())
+    for method in (box.dropped_and_acted, box.acted):
+        with pytest.raises(InvalidValueError, match='it moves box_10x20x30'):
+            method(strong, 10, 1, Monitor())
 
 
 @pytest.mark.slow

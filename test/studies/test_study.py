@@ -80,7 +80,7 @@ def test_more_drops_begin_with_the_same(tmp_path, here, whole):
 
 def test_only_a_store_of_the_same_versions_is_continued(tmp_path):
     path = tmp_path / STORE
-    PointStore(path, VERSIONS).add('a', 2, np.array([1, 1]))
+    PointStore(path, VERSIONS).add('a', 2, np.array([[1, 1]]))
     with pytest.raises(InvalidValueError, match='made with numpy 1, expected 3'):
         PointStore(path, {**VERSIONS, 'numpy': '3'})
     whole = path.read_bytes()
@@ -88,7 +88,7 @@ def test_only_a_store_of_the_same_versions_is_continued(tmp_path):
         file.write(b'{"point":"b","drops":2,"cou')  # cut short
     store = PointStore(path, VERSIONS)
     assert path.read_bytes() == whole
-    assert store.counts('a', 2).tolist() == [1, 1]
+    assert store.counts('a', 2).tolist() == [[1, 1]]
     assert store.counts('a', 3) is None
     assert store.counts('b', 2) is None
     path.write_text('{"x": 1}\n')
@@ -135,11 +135,13 @@ def test_impossible_points_are_skipped_and_counted(tmp_path, here):
             assert row['model_lower'] is None
 
 
-def test_actions_are_done_on_parts_that_were_dropped(here):
+def test_actions_are_counted_by_the_class_from_which_they_start(here):
     vary = {'action.speed': '0.05:0.8:2', 'friction': '0.2:0.5:2'}
     result = run(parts='box_10x20x30', action='tap', vary=vary, drops=10, workers=here())
+    assert [case.start for case in result.cases] == [1, 2, 3]
     assert all(row['model_lower'] is None for row in result.rows)
-    assert [case.drops.tolist() for case in result.cases] == [[10] * 4]
+    for case in result.cases:
+        assert case.drops.tolist() == [20] * 4  # two aspects of a class, ten actions each
 
 
 def test_surroundings_vary(here):

@@ -62,14 +62,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_integer(
         group,
         '--drops',
-        'number of drops at each point (400 to 10000: the fewer, the more points there are)',
+        'number of drops at each point (400 to 10000: the fewer, the more points there are); '
+        'with --action, of actions from each aspect (a fifth of this)',
     )
     add_integer(group, '--seed', 'seed of the design and the drops (1)', metavar='S')
     group.add_argument(
         '--action',
         metavar='NAME',
-        help='a named action, which is done once to each part that was dropped, before it is '
-        'counted (none)',
+        help='do this named action to parts at rest in each aspect, instead of dropping them',
     )
     add_share(
         parser,
@@ -137,7 +137,7 @@ def _show(result: 'StudyResult', folder: Path) -> int:
         if case.skipped:
             k, reason = min(case.skipped.items())
             print(
-                f'{case.part.name}: {len(case.skipped)} of {len(result.design.points)} points are '
+                f'{case.name}: {len(case.skipped)} of {len(result.design.points)} points are '
                 f'impossible and were skipped; point {k}: {reason}'
             )
     if not any(case.drops.any() for case in result.cases):
@@ -161,11 +161,9 @@ def _show(result: 'StudyResult', folder: Path) -> int:
 def _show_findings(result: 'StudyResult') -> None:
     """Print the findings of each case, each as a sentence with details below it."""
     for case in result.cases:
-        print(
-            f'{case.part.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops'
-        )
+        print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')
         for finding in result.findings:
-            if finding.case == case.part.name:
+            if finding.case == case.name:
                 text = textwrap.wrap(finding.sentence, WIDTH - 2)
                 print(textwrap.indent('\n'.join(text), '  ').replace('  ', '* ', 1))
                 if finding.details:
