@@ -1,5 +1,6 @@
 """Several parts: their files, a batch of drops, and the designs of a part side by side."""
 
+import contextlib
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +15,7 @@ from scipy.spatial import KDTree
 from scipy.stats import norm
 
 from resting_aspects_ros.api.conditions import given_conditions, with_surroundings
-from resting_aspects_ros.api.result import make_folder, write_page
+from resting_aspects_ros.api.result import make_folder, whole_file, write_page
 from resting_aspects_ros.api.runner import Progress, given_workers, never
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
@@ -26,10 +27,11 @@ from resting_aspects_ros.errors import (
     analysis,
     shown,
 )
+from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.part.library import PartLibrary, load_part, mesh_file
 from resting_aspects_ros.part.loading import FILE_FORMATS
 from resting_aspects_ros.part.near import face_normals
-from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.part.part import UNITS, Part
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     DEFAULT_SURFACE,
@@ -46,7 +48,7 @@ from resting_aspects_ros.system import parts_folder
 if TYPE_CHECKING:
     from resting_aspects_ros.api.drop import DropResult
 
-INDEX, DOCUMENT = 'index.html', 'distribution.json'
+INDEX, DOCUMENT, PARTS = 'index.html', 'distribution.json', 'parts'
 # Aspects whose down directions differ by more than this are not the same, rad.
 MAX_ANGLE = np.radians(20.0)
 # Heights of the centre of mass of the same aspect differ by at most this, R.
@@ -93,8 +95,13 @@ def _is_name(given: str | Path) -> bool:
     return mesh_file(given) is None and str(given) in PartLibrary(parts_folder()).names()
 
 
-def load_parts(given: Part | str | Path | Sequence[Part | str | Path]) -> list[Part]:
-    """Return parts with different names; see part_sources."""
+def load_parts(
+    given: Part | str | Path | Sequence[Part | str | Path], base: Path | None = None
+) -> list[Part]:
+    """Return parts with different names; see part_sources. Files are relative to ``base``."""
+    if base is not None:
+        several = [given] if isinstance(given, Part | str | Path) else given
+        given = [each if isinstance(each, Part) else _relative(each, base) for each in several]
     found = [each if isinstance(each, Part) else load_part(each) for each in part_sources(given)]
     names = [part.name for part in found]
     for name in names:
@@ -105,6 +112,39 @@ def load_parts(given: Part | str | Path | Sequence[Part | str | Path]) -> list[P
     if not found:
         raise InvalidValueError('missing part: expected a name or a mesh file')
     return found
+
+
+def _relative(given: str | Path, base: Path) -> str | Path:
+    """Return the file or folder in a folder, or the name of an example part as it is."""
+    if _is_name(given) or not (mesh_file(given) or (base / given).is_dir()):
+        return given
+    return base / given
+
+
+def save_part(part: Part, folder: Path) -> str:
+    """Write the mesh and the YAML file of a part; returns the path of the mesh in the folder.
+
+    The part that is read from them has the same hash. Raises OutputError.
+    """
+    mesh = folder / PARTS / f'{part.name}.{part.mesh_format}'
+    mesh.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(mesh) as file:
+        file.write_bytes(part.mesh_bytes)
+    known: dict[str, Any] = {
+        'mass': part.mass,
+        'centre_of_mass': (part.centre_of_mass / UNITS[part.unit]).tolist(),
+        'inertia': [float(each) for each in part.inertia[np.triu_indices(3)]],
+    }
+    values = {'unit': part.unit, **({'body': part.body} if part.body else {})}
+    # Only the values that were given can be necessary: the others follow from the mesh.
+    for count in range(len(known) + 1):
+        written = {**values, **dict(itertools.islice(known.items(), count))}
+        with whole_file(mesh.with_suffix('.yaml')) as file:
+            file.write_text(yaml_text(written), encoding='utf-8')
+        with contextlib.suppress(RestingAspectsError):
+            if load_part(mesh).part_sha256 == part.part_sha256:
+                break
+    return f'{PARTS}/{mesh.name}'
 
 
 def match_aspects(

@@ -14,19 +14,22 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.stats import qmc
 
-from resting_aspects_ros.api.conditions import given_conditions
+from resting_aspects_ros.api.conditions import given_conditions, shipped_surfaces
 from resting_aspects_ros.api.model_range import covered_text, missing_at
 from resting_aspects_ros.api.plan import check_height, named_action
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.simulation.actions import NamedAction, make_action
+from resting_aspects_ros.simulation.actions import DEFAULT_TIME, KINDS, NamedAction, make_action
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
     DropConditions,
     HeightOf,
     Quantity,
+    Surfaces,
+    check_name,
+    described_kind,
     quantities_of,
 )
 from resting_aspects_ros.simulation.starts import Action
@@ -35,6 +38,7 @@ from resting_aspects_ros.simulation.surroundings import (
     RELEASE_VALUES,
     Surroundings,
     changed_surroundings,
+    make_surroundings,
     named_surroundings,
 )
 
@@ -88,7 +92,7 @@ class Setting:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The setting as plain values."""
+        """The setting as plain values, as `read_setting` reads it."""
         conditions = self.conditions.document()
         conditions.pop('surroundings')
         conditions['height_of'] = HeightOf(self.conditions.height_of).name
@@ -199,6 +203,38 @@ def given_setting(
         surroundings,
         None if action is None else named_action(action),
     )
+
+
+def read_setting(
+    surface: str,
+    conditions: Mapping[str, float | str],
+    surroundings: Any,
+    action: Any,
+    folder: Path,
+    surfaces: Surfaces | None = None,
+) -> Setting:
+    """Return a setting of names, texts and mappings, as files have them; InvalidValueError.
+
+    Files are relative to ``folder``. The surface is one of ``surfaces``, by default of the suite.
+    """
+    values, known = condition_values(conditions), surfaces or shipped_surfaces()
+    if len(values) > len(QUANTITIES) and surface not in ('', *known.names()):
+        # A saved study has all values of a surface whose file need not exist any more.
+        base = DropConditions(surface=check_name('a surface', surface), **values)
+    else:
+        base = known.get(surface).changed(**values)
+    if isinstance(surroundings, str):
+        is_file = surroundings.endswith(('.yaml', '.yml'))
+        surroundings = folder / surroundings if is_file else surroundings
+    elif surroundings is not None:
+        surroundings = make_surroundings(surroundings)
+    if action is not None and not isinstance(action, str):
+        kind, numbers, _ = described_kind('action', action, KINDS)
+        name, time = numbers.pop('name', kind), numbers.pop('time', DEFAULT_TIME)
+        if not isinstance(name, str):
+            raise InvalidValueError(f'invalid name {shown(name)} of an action: expected text')
+        action = NamedAction(name, make_action(kind, numbers), time)
+    return given_setting(base, {}, surroundings, action)
 
 
 def condition_values(given: Mapping[str, Any]) -> dict[str, Any]:

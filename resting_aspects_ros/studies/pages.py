@@ -166,8 +166,9 @@ def _case_items(
             f'indices-{k}',
             'Bar charts of the first and total Sobol indices',
             partial(indices_figure, case, effects.indices, factors),
-            f'Dark: first index. Light: total index. Whiskers: {confidence} % intervals. There is '
-            'no bar where a probability is not shown to vary.',
+            f'Dark, and the upper number: first index. Light, and the lower number: total index. '
+            f'Whiskers, and in parentheses: {confidence} % intervals. There is no bar where a '
+            'probability is not shown to vary.',
         )
 
 
@@ -258,7 +259,11 @@ def indices_figure(case: Case, found: SobolIndices, factors: Sequence[Factor]) -
             width, (lower, upper) = np.clip(values, 0, 1), np.clip(bounds, 0, 1)
             axes.barh(rows, np.nan_to_num(width), height=0.62, color=colours, alpha=alpha)
             axes.hlines(rows + shift, lower, upper, color=TEXT, linewidth=1.1)
-        axes.set_xlim(0, 1.05)
+            for row, *each in zip(rows + 1.5 * shift, width, lower, upper, strict=True):
+                if not np.isnan(each[0]):
+                    text = '{:.2f} ({:.2f} to {:.2f})'.format(*each)
+                    axes.text(1.06, row, text, size=6.5, color=TEXT, va='center')
+        axes.set_xlim(0, 1.8)
         axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ['0', '', '0.5', '', '1'])
         axes.set_ylim(-0.6, len(names) - 0.4)
         shown = k % MAX_COLUMNS == 0

@@ -4,21 +4,30 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from pydantic import StrictInt, StrictStr
 
-from resting_aspects_ros.api.result import Result, make_folder, write_rows
+from resting_aspects_ros.api.result import Result, make_folder, whole_file, write_rows
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.errors import InvalidValueError, analysis, shown
+from resting_aspects_ros.errors import InvalidValueError, analysis, located, shown
+from resting_aspects_ros.input_files import (
+    FileModel,
+    Number,
+    named,
+    read_yaml,
+    validated,
+    yaml_text,
+)
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     DEFAULT_SURFACE,
     DropConditions,
+    Surfaces,
     check_drops,
     check_seed,
 )
@@ -28,10 +37,11 @@ from resting_aspects_ros.simulation.workers import Workers, worker_versions
 from resting_aspects_ros.statistics.distribution import OUTSIDE
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, bounds, check_confidence
 from resting_aspects_ros.statistics.model_range import model_bounds
-from resting_aspects_ros.studies.batch import load_parts
+from resting_aspects_ros.studies.batch import load_parts, save_part
 from resting_aspects_ros.studies.design import (
     DEFAULT_DESIGN,
     DEFAULT_POINTS,
+    DESIGNS,
     Design,
     Factor,
     Setting,
@@ -40,6 +50,7 @@ from resting_aspects_ros.studies.design import (
     make_design,
     point_values,
     read_factor,
+    read_setting,
 )
 from resting_aspects_ros.studies.effects import Effects, Finding, effects_of, findings_of
 from resting_aspects_ros.studies.points import (
@@ -60,12 +71,22 @@ from resting_aspects_ros.studies.points import (
 if TYPE_CHECKING:
     from resting_aspects_ros.report.page import Page
 
-DOCUMENT, CSV, PAGE = 'study.json', 'results.csv', 'page.html'
+SPEC, CSV, PAGE = 'study.yaml', 'results.csv', 'page.html'
+# First line of a study.yaml that a study wrote, and may write again.
+WRITTEN = '# Written by resting_aspects study; without this line, it is never changed.\n'
 # Drops of all points together by default, with an action from each aspect a fifth of them; and the
 # bounds of those of one point.
 ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 200_000, 400, 10_000, 5
 # A change of a share that matters to the reader of the page.
 DEFAULT_TOLERANCE = 0.05
+EXPECTED = {
+    'parts': 'the name of a part, a mesh file or a list of them',
+    'surface': 'the name of a surface',
+    'conditions': 'a mapping of conditions to numbers, or texts with a unit',
+    'vary': 'a mapping of factors to ranges',
+    'design': f'one of {", ".join(DESIGNS)}',
+    'points': 'a number of points',
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +139,82 @@ class StudySpec:
     def made_design(self) -> Design:
         """Return the points and lines; raises InvalidValueError."""
         return make_design(self.design, self.factors, self.points, self.seed)
+
+    def write(self, folder: Path) -> None:
+        """Write the parts and study.yaml, but not over one written by hand; raises OutputError."""
+        path = folder / SPEC
+        if path.is_file() and not path.read_bytes().startswith(WRITTEN.encode()):
+            return
+        document = {
+            'parts': [save_part(part, folder) for part in self.parts],
+            **self.base.document,
+            'vary': {factor.name: factor.document for factor in self.factors},
+            'design': self.design,
+            'points': self.points,
+            'drops': self.drops,
+            'seed': self.seed,
+            'tolerance': self.tolerance,
+            'confidence': self.confidence,
+            'part_sha256': [part.part_sha256 for part in self.parts],
+            'versions': worker_versions(),
+        }
+        with whole_file(path) as file:
+            file.write_text(WRITTEN + yaml_text(document), encoding='utf-8')
+
+
+class StudyFile(FileModel):
+    """The file study.yaml; see StudySpec, which checks the bounds of the numbers."""
+
+    parts: StrictStr | list[StrictStr]
+    surface: StrictStr = ''
+    conditions: dict[StrictStr, Number | StrictStr] | None = None
+    surroundings: Any = None
+    action: Any = None
+    vary: dict[StrictStr, Any]
+    design: Literal[tuple(DESIGNS)] = DEFAULT_DESIGN  # type: ignore[valid-type]
+    points: StrictInt = DEFAULT_POINTS
+    drops: StrictInt | None = None
+    seed: StrictInt = DEFAULT_SEED
+    tolerance: Number = DEFAULT_TOLERANCE
+    confidence: Number = CONFIDENCE
+    # What a study was made with.
+    versions: Any = None
+    part_sha256: Any = None
+
+
+def read_spec(
+    path: Path, changes: Mapping[str, Any] | None = None, surfaces: Surfaces | None = None
+) -> StudySpec:
+    """Read a study from a file; ``changes`` replace its values. Raises InvalidValueError.
+
+    The surface is one of ``surfaces``, by default of the suite.
+    """
+    document = read_yaml(path, 'study')
+    with located(named('study', path)):
+        if not isinstance(document, dict):
+            raise InvalidValueError('expected a mapping with parts and vary')
+        given = validated(StudyFile, {**document, **(changes or {})}, expected=EXPECTED)
+        base = read_setting(
+            given.surface,
+            given.conditions or {},
+            given.surroundings,
+            given.action,
+            path.parent,
+            surfaces,
+        )
+        if given.drops is not None:
+            check_drops(given.drops)
+        return StudySpec(
+            tuple(load_parts(given.parts, path.parent)),
+            base,
+            tuple(read_factor(name, each, base) for name, each in given.vary.items()),
+            given.design,
+            given.points,
+            given.drops or 0,
+            given.seed,
+            given.tolerance,
+            given.confidence,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,25 +307,6 @@ class StudyResult(Result):
                     'model_upper': high,
                     'skipped': case.skipped.get(point, ''),
                 }
-
-    def document(self) -> dict[str, Any]:
-        """Return what was studied, and the findings, as plain JSON types, in SI units."""
-        spec = self.spec
-        return {
-            'schema_version': SCHEMA_VERSION,
-            'parts': {part.name: part.part_sha256 for part in spec.parts},
-            **spec.base.document,
-            'vary': {factor.name: factor.document for factor in spec.factors},
-            'design': spec.design,
-            'points': spec.points,
-            'drops': spec.drops,
-            'seed': spec.seed,
-            'tolerance': spec.tolerance,
-            'confidence': spec.confidence,
-            'complete': self.complete,
-            'findings': self.findings,
-            'versions': worker_versions(),
-        }
 
     def save_tables(self, folder: str | Path) -> Path:
         """Write the rows as results.csv, and return its path; raises OutputError."""
@@ -332,11 +410,26 @@ def study(
         tolerance,
         confidence,
     )
-    if out is not None:
-        make_folder('--out', Path(out))
-    store = PointStore(None if out is None else Path(out) / STORE, worker_versions())
-    made = spec.made_design()
-    settings = [base.at(each) for each in point_values(spec.factors, made.points)]
+    folder = None if out is None else Path(out)
+    return run_study(spec, folder, workers=workers, progress=progress, stopped=stopped)
+
+
+def run_study(
+    spec: StudySpec,
+    folder: Path | None,
+    *,
+    workers: int | Workers | None = None,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
+) -> StudyResult:
+    """Make a study or continue it; see study."""
+    if folder is not None:
+        make_folder('--out', folder)
+    store = PointStore(folder and folder / STORE, worker_versions())
+    if folder is not None:
+        spec.write(folder)
+    made, acted = spec.made_design(), spec.base.action is not None
+    settings = [spec.base.at(each) for each in point_values(spec.factors, made.points)]
     with given_workers(workers) as pool:
         simulations = [Simulation.of(part, pool) for part in spec.parts]
         wanted = [(each, at) for each in simulations for at in settings]
@@ -345,7 +438,7 @@ def study(
     cases = [
         case
         for k, each in enumerate(simulations)
-        for case in _cases(each, found[k * m : (k + 1) * m], acted=base.action is not None)
+        for case in _cases(each, found[k * m : (k + 1) * m], acted=acted)
     ]
     return StudyResult(spec, made, tuple(cases), complete)
 

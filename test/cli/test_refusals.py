@@ -63,6 +63,8 @@ CASES = {
     'report log --part l_bracket': ['--part', "'l_bracket'"],
     'request l_bracket --method csa --surface ice': ['--surface', "'ice'", '--method'],
     'study tetrahedron': ['--vary'],
+    'study missing.yaml --vary friction=0.1:0.2': ['--vary', "'missing.yaml'"],
+    'study missing.yaml hex_nut': ["'hex_nut'", "'missing.yaml'"],
     'track hex_nut --on wiper_and_balcony --roll 5deg': ['roll', '--on'],
     # Values that a command parses.
     'drift l_bracket counts.csv --shift 5': ['--shift', "'5'", '5%'],

@@ -3,12 +3,12 @@
 import csv
 import errno
 import html
-import json
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import shipped_surfaces
@@ -16,7 +16,14 @@ from resting_aspects_ros.errors import EngineError, InvalidValueError, OutputErr
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, HeightOf
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.points import STORE, Case, PointStore
-from resting_aspects_ros.studies.study import StudyResult, StudySpec, study
+from resting_aspects_ros.studies.study import (
+    SPEC,
+    StudyResult,
+    StudySpec,
+    read_spec,
+    run_study,
+    study,
+)
 
 VERSIONS = {'numpy': '1', 'pybullet': '2'}
 VARY = {'restitution': '0.1:0.4:2', 'friction': '0.2:0.5:2'}
@@ -73,9 +80,33 @@ def test_points_are_added_without_repetition(tmp_path, here):
 
 
 @pytest.mark.slow
-def test_more_drops_begin_with_the_same(tmp_path, here, whole):
-    run(tmp_path, drops=500, workers=here())
-    assert table(run(tmp_path, workers=here())) == whole
+def test_study_yaml_repeats_a_study_and_more_drops_begin_with_the_same(tmp_path, here, whole):
+    run(tmp_path / 'first', drops=500, workers=here())
+    assert table(run(tmp_path / 'first', workers=here())) == whole
+    (tmp_path / 'first').rename(tmp_path / 'moved')
+    (tmp_path / 'moved' / STORE).unlink()
+    again = run_study(read_spec(tmp_path / 'moved' / SPEC), tmp_path / 'other', workers=here())
+    assert table(again) == whole
+
+
+def test_part_of_a_study_is_saved_with_its_mass(tmp_path, here):
+    part = ra.load_part('l_bracket')
+    result = ra.study(part, {'friction': '0.2:0.4:2'}, drops=1, out=tmp_path, workers=here())
+    saved = read_spec(tmp_path / SPEC)
+    assert saved.parts[0].part_sha256 == part.part_sha256
+    assert result.cases[0].drops.tolist() == [1, 1]
+
+
+def test_study_yaml_of_a_hand_stays_as_it_is(tmp_path, here):
+    path = tmp_path / SPEC
+    text = '# mine\nparts: mesh\nvary: {friction: "0.2:0.4:2"}\ndrops: 1\n'
+    path.write_text(text)
+    part = ra.load_part('tetrahedron')
+    (tmp_path / 'mesh').mkdir()
+    (tmp_path / 'mesh' / 'own.stl').write_bytes(part.mesh_bytes)
+    assert run_study(read_spec(path), tmp_path, workers=here()).complete
+    assert path.read_text() == text
+    assert not (tmp_path / 'parts').exists()
 
 
 def test_only_a_store_of_the_same_versions_is_continued(tmp_path):
@@ -144,12 +175,13 @@ def test_actions_are_counted_by_the_class_from_which_they_start(here):
         assert case.drops.tolist() == [20] * 4  # two aspects of a class, ten actions each
 
 
-def test_surroundings_vary(here):
+def test_surroundings_vary(tmp_path, here):
     vary = {'surroundings.angle': '0deg:20deg:2'}
     given = {'surroundings': 'slope', 'vary': vary, 'design': 'factorial'}
-    result = run(drops=10, workers=here(), **given)
+    result = run(tmp_path, drops=10, workers=here(), **given)
     assert result.cases[0].drops.tolist() == [10, 10]
-    assert json.loads(result.to_json())['surroundings']['kind'] == 'slope'
+    assert yaml.safe_load((tmp_path / SPEC).read_text())['surroundings']['kind'] == 'slope'
+    assert read_spec(tmp_path / SPEC).base == result.spec.base
 
 
 @pytest.mark.parametrize(
@@ -167,6 +199,29 @@ def test_surroundings_vary(here):
 def test_invalid_study_is_refused(changes, message):
     with pytest.raises(InvalidValueError, match=message):
         run(**changes)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'parts': [1]}, r'invalid parts \[1\]: expected the name of a part'),
+        ({'parts': {'a': 1}}, "invalid parts {'a': 1}: expected the name of a part"),
+        ({'parts': []}, 'missing part'),
+        ({'vary': {}}, 'missing factor'),
+        ({'design': ['sobol']}, r"invalid design \['sobol'\]: expected one of curves"),
+        ({'action': {'kind': ['kick']}}, r"invalid kind of action \['kick'\]"),
+        ({'surroundings': {'kind': {}}}, 'invalid kind of surroundings {}'),
+        ({'extra': 1}, "invalid key 'extra'"),
+        ({'conditions': {'hight': 1}}, "invalid condition 'hight'"),
+        ({'points': 0}, r'invalid (number of )?points'),
+        ({'drops': 'many'}, 'invalid drops'),
+    ],
+)
+def test_invalid_study_yaml_is_refused_with_its_name(changes, message, tmp_path):
+    path = tmp_path / 'odd.yaml'
+    path.write_text(yaml.safe_dump({'parts': 'tetrahedron', 'vary': VARY, **changes}))
+    with pytest.raises(InvalidValueError, match=rf'odd\.yaml.*{message}'):
+        read_spec(path)
 
 
 HEIGHT, FRICTION = Factor('height', 0.02, 0.2, 3), Factor('friction', 0.1, 0.5, 2)

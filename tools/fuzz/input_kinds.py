@@ -25,6 +25,7 @@ from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
 from resting_aspects_ros.studies.points import PointStore
+from resting_aspects_ros.studies.study import read_spec
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 
@@ -57,6 +58,31 @@ def yaml_kinds() -> dict[str, Kind]:
     known = ra.known_part('l_bracket', [1] * 5)
     uncertain = yaml.safe_load((CONFIG / 'surfaces.yaml').read_bytes())['rubber_mat']
     uncertain['uncertainty'] = {'friction': [0.1 + k / 100 for k in range(8)]}
+    study = {
+        'parts': ['tetrahedron', 'l_bracket.stl'],
+        'surface': 'steel',
+        'conditions': {'height': '60mm', 'height_of': 'LOWEST_POINT', 'spin': 3.5},
+        'surroundings': {'kind': 'slope', 'angle': 0.1, 'bodies': {'floor': {'friction': 0.2}}},
+        'vary': {
+            'friction': {'low': 0.1, 'high': 0.5, 'levels': 3},
+            'restitution': '0.2:0.8:log',
+            'surroundings.angle': '1deg:5deg:4',
+        },
+        'design': 'curves',
+        'points': 8,
+        'drops': 20,
+        'seed': 3,
+        'tolerance': 0.05,
+        'confidence': 0.95,
+        'versions': {'numpy': '2.0'},
+        'part_sha256': ['a', 'b'],
+    }
+    acted = {
+        'parts': 'tetrahedron',
+        'vary': {'action.speed': '0.1:0.5'},
+        'design': 'factorial',
+        'action': {'kind': 'kick', 'name': 'tap', 'speed': 0.3, 'time': 0.5},
+    }
     counts = [
         {'surface': 'oak', 'conditions': {'height': '60 mm'}, 'parts': [
             {'name': 'block', 'box': [20, 20, 15], 'unit': 'mm', 'counts': {'z': 61, 'rest': 39}},
@@ -89,6 +115,9 @@ def yaml_kinds() -> dict[str, Kind]:
             'place.yaml',
             lambda path: named_surroundings(path).scene(shipped_surfaces().get(), 0.01),
             tuple(path.read_bytes() for path in sorted(folder.glob('*.yaml'))),
+        ),
+        'study': Kind(
+            'study.yaml', lambda path: read_spec(path).made_design(), (_yaml(study), _yaml(acted))
         ),
         'surface counts': Kind('counts.yaml', read_surface_counts, tuple(map(_yaml, counts))),
         'grasps': Kind(

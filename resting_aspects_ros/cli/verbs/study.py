@@ -3,7 +3,7 @@
 import argparse
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.cli.options import (
@@ -14,13 +14,17 @@ from resting_aspects_ros.cli.options import (
     add_surroundings,
     add_workers,
     changed_conditions,
+    refuse,
 )
-from resting_aspects_ros.errors import InvalidValueError, analysis
+from resting_aspects_ros.errors import InvalidValueError, analysis, shown
+from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 if TYPE_CHECKING:
     from resting_aspects_ros.studies.study import StudyResult
 
 WIDTH = 80  # of the text
+# Flags of what a study.yaml defines.
+_OF_A_STUDY = ('vary', 'action', 'surface', *QUANTITIES, 'height_of', 'surroundings', 'set')
 DESCRIPTION = """Drop parts at many points of some conditions, and show how much the
 probability of each aspect depends on each condition, and whether it is worth
 while to measure it. A study that was interrupted, or that is given more points,
@@ -31,6 +35,7 @@ EXAMPLES = """examples:
   resting_aspects study old.stl new.stl --vary friction=0.1:0.6 --points 32
   resting_aspects study a.stl --surroundings slope --vary surroundings.angle=0:1
   resting_aspects study l_bracket --action tap --vary action.speed=0.1:0.5
+  resting_aspects study out/study_l_bracket/study.yaml --points 32
 """
 
 
@@ -38,9 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
         'parts',
-        metavar='PART_OR_MESH',
+        metavar='PART_OR_STUDY',
         nargs='+',
-        help='names of parts, mesh files and folders of mesh files',
+        help='names of parts, mesh files and folders of mesh files; or one study.yaml, which '
+        'describes a study',
     )
     group = parser.add_argument_group('design of the study')
     group.add_argument(
@@ -86,8 +92,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_out(
         parser,
-        'folder of study.json, points.jsonl, results.csv and page.html; a study in it is '
-        'continued (out/study_ and the parts)',
+        'folder of study.yaml, points.jsonl, results.csv and page.html; a study in it is '
+        'continued (out/study_ and the parts, or the folder of study.yaml)',
     )
     add_workers(parser)
     add_conditions(parser)
@@ -97,42 +103,72 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        from resting_aspects_ros.api.conditions import requested_surroundings
-        from resting_aspects_ros.simulation.conditions import all_surfaces
-        from resting_aspects_ros.studies.batch import load_parts
-        from resting_aspects_ros.studies.design import parse_ranges
-        from resting_aspects_ros.studies.study import study
+        from resting_aspects_ros.studies.study import SPEC
 
-        if not arguments.vary:
-            raise InvalidValueError(
-                'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
-            )
-        parts = load_parts(arguments.parts)
-        name = '_'.join(part.name for part in parts[:3])
-        folder = arguments.out or Path('out') / f'study_{name}'
-        conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
         numbers = {
             name: value
             for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence')
             if (value := getattr(arguments, name)) is not None
         }
-        result = study(
-            parts,
-            parse_ranges(arguments.vary),
-            surface=conditions.changed(**changed_conditions(arguments)),
-            surroundings=requested_surroundings(arguments.surroundings, arguments.set),
-            action=arguments.action,
-            out=folder,
-            **numbers,
-            **started.options,
+        first = Path(arguments.parts[0])
+        if first.is_dir() and (first / SPEC).exists():
+            first /= SPEC
+        if first.suffix.lower() in {'.yaml', '.yml'}:
+            return _show(*_of_file(first, arguments, numbers, started.options))
+        return _show(*_of_flags(arguments, numbers, started.options))
+
+
+def _of_file(
+    path: Path, arguments: argparse.Namespace, numbers: dict[str, Any], options: dict[str, Any]
+) -> 'tuple[StudyResult, Path]':
+    """Make the study that a file describes; returns it and its folder."""
+    from resting_aspects_ros.simulation.conditions import all_surfaces
+    from resting_aspects_ros.studies.study import SPEC, read_spec, run_study
+
+    if len(arguments.parts) > 1:
+        raise InvalidValueError(
+            f'invalid part {shown(arguments.parts[1])}: expected no parts beside '
+            f'{str(path)!r}, which defines them'
         )
-        return _show(result, folder)
+    refuse(arguments, _OF_A_STUDY, f'without {str(path)!r}, which defines it')
+    folder = arguments.out or (path.parent if path.name == SPEC else Path('out') / path.stem)
+    spec = read_spec(path, numbers, all_surfaces(arguments.surfaces))
+    return run_study(spec, folder, **options), folder
+
+
+def _of_flags(
+    arguments: argparse.Namespace, numbers: dict[str, Any], options: dict[str, Any]
+) -> 'tuple[StudyResult, Path]':
+    """Make the study that the flags describe; returns it and its folder."""
+    from resting_aspects_ros.api.conditions import requested_surroundings
+    from resting_aspects_ros.simulation.conditions import all_surfaces
+    from resting_aspects_ros.studies.batch import load_parts
+    from resting_aspects_ros.studies.design import parse_ranges
+    from resting_aspects_ros.studies.study import study
+
+    if not arguments.vary:
+        raise InvalidValueError(
+            'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
+        )
+    parts = load_parts(arguments.parts)
+    name = '_'.join(part.name for part in parts[:3])
+    folder = arguments.out or Path('out') / f'study_{name}'
+    conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
+    result = study(
+        parts,
+        parse_ranges(arguments.vary),
+        surface=conditions.changed(**changed_conditions(arguments)),
+        surroundings=requested_surroundings(arguments.surroundings, arguments.set),
+        action=arguments.action,
+        out=folder,
+        **numbers,
+        **options,
+    )
+    return result, folder
 
 
 def _show(result: 'StudyResult', folder: Path) -> int:
     """Write the tables and the page, and print the findings; returns the exit code."""
-    from resting_aspects_ros.studies.study import DOCUMENT
-
     for case in result.cases:
         if case.skipped:
             k, reason = min(case.skipped.items())
@@ -144,7 +180,6 @@ def _show(result: 'StudyResult', folder: Path) -> int:
         print('No point has drops.')
     else:
         with analysis('the tables of the results'):
-            result.save_json(folder / DOCUMENT)
             result.save_tables(folder)
         with analysis('the findings'):
             _show_findings(result)
