@@ -124,10 +124,11 @@ def _relative(given: str | Path, base: Path) -> str | Path:
 def save_part(part: Part, folder: Path) -> str:
     """Write the mesh and the YAML file of a part; returns the path of the mesh in the folder.
 
-    The part that is read from them has the same hash. Raises OutputError.
+    The part that is read from them has the same hash. Raises OutputError, and InvalidValueError
+    if the folder cannot be made.
     """
     mesh = folder / PARTS / f'{part.name}.{part.mesh_format}'
-    mesh.parent.mkdir(parents=True, exist_ok=True)
+    make_folder('--out', mesh.parent)
     with whole_file(mesh) as file:
         file.write_bytes(part.mesh_bytes)
     known: dict[str, Any] = {

@@ -166,7 +166,7 @@ def _case_items(
             f'indices-{k}',
             'Bar charts of the first and total Sobol indices',
             partial(indices_figure, case, effects.indices, factors),
-            f'Dark, and the upper number: first index. Light, and the lower number: total index. '
+            'Dark, and the upper number: first index. Light, and the lower number: total index. '
             f'Whiskers, and in parentheses: {confidence} % intervals. There is no bar where a '
             'probability is not shown to vary.',
         )

@@ -73,7 +73,8 @@ if TYPE_CHECKING:
 
 SPEC, CSV, PAGE = 'study.yaml', 'results.csv', 'page.html'
 # First line of a study.yaml that a study wrote, and may write again.
-WRITTEN = '# Written by resting_aspects study; without this line, it is never changed.\n'
+WRITTEN = '# To repeat the study: resting_aspects study study.yaml\n'
+NOTE = '# The study may write this file again; without the line above, it never does.\n'
 # Drops of all points together by default, with an action from each aspect a fifth of them; and the
 # bounds of those of one point.
 ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 200_000, 400, 10_000, 5
@@ -159,7 +160,7 @@ class StudySpec:
             'versions': worker_versions(),
         }
         with whole_file(path) as file:
-            file.write_text(WRITTEN + yaml_text(document), encoding='utf-8')
+            file.write_text(WRITTEN + NOTE + yaml_text(document), encoding='utf-8')
 
 
 class StudyFile(FileModel):
