@@ -3,6 +3,7 @@
 All variances of sampling are subtracted: they are known, because counts are multinomial.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -11,11 +12,17 @@ import numpy as np
 from scipy.stats import norm, t
 
 from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.statistics.comparison import square_and_add
 from resting_aspects_ros.statistics.intervals import INTERVAL, bounds, containing
 from resting_aspects_ros.studies.design import Design, Factor, Lines
 from resting_aspects_ros.studies.points import Case
 
 RESAMPLES = 400
+# Lines of a factor that get fresh drops, because the largest changes are expected there, and how
+# many times as many drops as other points they get.
+FRESH_LINES, FRESH_DROPS = 4, 8
+# Largest number of times that is stated; more are not practical.
+MAX_TIMES = 100
 WORTH, NOT_WORTH, OPEN = 'worth while', 'not worth while', 'not decided'
 
 
@@ -127,65 +134,119 @@ class Change:
     levels : (float, float)
         Two values of the factor, from 0 to 1, ascending.
     shares : (float, float)
-        Mean of the share at both, over the lines.
-    size, lower, upper : float
-        Root mean square of the change over the lines, with its interval.
-    lines : int
-        Number of lines.
+        The share at both.
+    lower, upper : float
+        Interval of the size of the largest change.
+    points : (int, int) or None
+        Where it is, as points of the design; None: on average over the lines.
     """
 
     column: int
     levels: tuple[float, float]
     shares: tuple[float, float]
-    size: float
     lower: float
     upper: float
-    lines: int
+    points: tuple[int, int] | None = None
 
-    def verdict(self, tolerance: float) -> str:
-        """Return whether it is worth while to measure or to control the factor."""
-        if self.lower > tolerance:
-            return WORTH
-        return NOT_WORTH if self.upper <= tolerance else OPEN
+    @property
+    def size(self) -> float:
+        """Size of the change."""
+        return abs(self.shares[1] - self.shares[0])
 
 
-def largest_change(line: LineCounts, confidence: float) -> Change:
-    """Return the largest change of a share between two levels of a factor.
-
-    Its size is the root mean square over the lines, so that changes in opposite directions, with
-    other values of the other factors, do not cancel. The square of a difference with the variance
-    v of sampling is too large by v, which is subtracted.
+def mean_change(line: LineCounts, confidence: float) -> Change:
+    """Return the largest change of the mean curve.
 
     The upper bound is that of the pair of levels and the class with the largest one: it holds for
     the pair that changes most, whichever this is. For the lower bound, the intervals of all pairs
     and classes hold together (Bonferroni).
     """
-    pairs = list(combinations(range(len(line.levels)), 2))
-    i, j = np.array(pairs).T
-    moved = line.shares[:, j] - line.shares[:, i]
-    noise = line.smooth_noise[:, i] + line.smooth_noise[:, j]
-    squares = moved**2 - noise
-    sampling = 2 * noise**2 + 4 * noise * np.maximum(squares.mean(axis=0), 0)
-    square, of_square = _mean(squares, sampling, line.fixed)
-    mean, of_mean = _mean(moved, noise, line.fixed)
+    pairs, values, noise = _differences(line)
+    mean, error = _mean(values, noise, line.fixed)
     occurring = max(1, int((line.counts.sum(axis=(0, 1)) > 0).sum()))
-    strict = _quantile(line, 1 - (1 - confidence) / (2 * len(pairs) * occurring))
-    # The root mean square is at least the mean, which fewer lines are enough for.
-    below = max((square - strict * of_square).max(), 0) ** 0.5
-    lower = max(below, (np.abs(mean) - strict * of_mean).max())
-    upper = max((square + _quantile(line, confidence) * of_square).max(), 0) ** 0.5
-    pair, column = np.unravel_index(square.argmax(), square.shape)
-    size = max(square[pair, column], 0) ** 0.5
-    shares, (i, j) = line.shares.mean(axis=0)[:, column], pairs[pair]
+    strict = 1 - (1 - confidence) / (2 * len(pairs) * occurring)
+    size = np.abs(mean)
+    pair, column = np.unravel_index(size.argmax(), size.shape)
+    i, j = pairs[pair]
+    shares = line.shares.mean(axis=0)[:, column]
     return Change(
         int(column),
         (float(line.levels[i]), float(line.levels[j])),
         (float(shares[i]), float(shares[j])),
-        float(size),
-        float(min(lower, size)),
-        float(upper),
-        len(line.counts),
+        max(0.0, float((size - _quantile(line, strict) * error).max())),
+        float((size + _quantile(line, confidence) * error).max()),
     )
+
+
+def _differences(line: LineCounts) -> tuple[list[tuple[int, int]], Array, Array]:
+    """Return pairs of levels, and the changes (b, pairs, c) between them with their variances."""
+    pairs = list(combinations(range(len(line.levels)), 2))
+    i, j = np.array(pairs).T
+    noise = line.smooth_noise
+    return pairs, line.shares[:, j] - line.shares[:, i], noise[:, i] + noise[:, j]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Two points of a line, between which a share seems to change most."""
+
+    points: tuple[int, int]
+    levels: tuple[float, float]
+    column: int
+
+
+def largest_candidates(line: LineCounts) -> list[Candidate]:
+    """Return where in the lines the largest changes are expected, at most FRESH_LINES of them.
+
+    The change in a line is a mean of its own drops and of the change in all lines, weighted by
+    their variances (James and Stein 1961), so that the luckiest line is not taken for the largest.
+    """
+    pairs, values, noise = _differences(line)
+    expected = values
+    if len(values) > 1:
+        mean, between = values.mean(axis=0), values.var(axis=0, ddof=1)
+        own = np.clip(1 - noise.mean(axis=0) / np.maximum(between, 1e-300), 0, 1)
+        expected = mean + own * (values - mean)
+    size = np.abs(expected)
+    order = np.argsort(-size.max(axis=(1, 2)), kind='stable')[:FRESH_LINES]
+    found = []
+    for b in order.tolist():
+        pair, column = np.unravel_index(size[b].argmax(), size.shape[1:])
+        i, j = pairs[pair]
+        ends = int(line.points[b, i]), int(line.points[b, j])
+        found.append(Candidate(ends, (float(line.levels[i]), float(line.levels[j])), int(column)))
+    return found
+
+
+def fresh_change(
+    candidates: Sequence[Candidate], tables: Sequence[Counts], confidence: float
+) -> Change:
+    """Return the largest change at candidates, by fresh drops (2, c) at each of them.
+
+    The drops that selected the candidates are not used, so that the change is not that of the
+    luckiest line. The bounds are Newcombe's; see `mean_change` for their choice.
+    """
+    strict = 1 - (1 - confidence) / (2 * len(candidates))
+    lower = upper = largest = -1.0
+    best: tuple[Candidate, tuple[float, float]] | None = None
+    for candidate, table in zip(candidates, tables, strict=True):
+        counts, drops = table[:, candidate.column], table.sum(axis=1)
+        low, high = (float(share) for share in counts / drops)
+        lower = max(lower, _size_bounds(counts, drops, strict)[0])
+        upper = max(upper, _size_bounds(counts, drops, confidence)[1])
+        if abs(high - low) > largest:
+            largest, best = abs(high - low), (candidate, (low, high))
+    assert best is not None
+    found, shares = best
+    return Change(found.column, found.levels, shares, lower, upper, found.points)
+
+
+def _size_bounds(counts: Counts, drops: Counts, confidence: float) -> tuple[float, float]:
+    """Return the bounds of the size of the difference of two shares; counts and drops (2,)."""
+    shares = counts / drops
+    low, high = bounds(counts[:, None], drops, INTERVAL, confidence)
+    below, above = square_and_add(shares[1:], (low[1], high[1]), shares[:1], (low[0], high[0]))
+    return max(0.0, float(below[0]), -float(above[0])), max(float(above[0]), -float(below[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,17 +337,58 @@ def _indices(variances: Sequence[tuple[Array, Array, Array]]) -> tuple[Array, Ar
 
 
 @dataclass(frozen=True, eq=False)
+class FactorEffect:
+    """What one factor does to the shares of a case.
+
+    mean, largest : Change or None
+        Largest change on average over the other factors; and wherever they are, by fresh drops.
+        ``largest`` is None if there is only one line, or without fresh drops.
+    lines : int
+        Number of lines.
+    """
+
+    curve: Curve
+    mean: Change
+    largest: Change | None
+    lines: int
+
+    @property
+    def most(self) -> Change:
+        """The larger one of both changes."""
+        if self.largest is None or self.largest.size < self.mean.size:
+            return self.mean
+        return self.largest
+
+    @property
+    def lower(self) -> float:
+        """Lower bound of the largest change."""
+        return max(self.mean.lower, 0.0 if self.largest is None else self.largest.lower)
+
+    @property
+    def upper(self) -> float:
+        """Upper bound of the largest change; 1 if nothing is known of single lines."""
+        if self.largest is None:
+            return self.mean.upper if self.lines == 1 else 1.0
+        return max(self.mean.upper, self.largest.upper)
+
+    def verdict(self, tolerance: float) -> str:
+        """Return whether it is worth while to measure or to control the factor."""
+        if self.lower > tolerance:
+            return WORTH
+        return NOT_WORTH if self.upper <= tolerance else OPEN
+
+
+@dataclass(frozen=True, eq=False)
 class Effects:
     """What d factors do to the shares of a case.
 
-    curves, changes : tuple of Curve and of Change, or None
-        By factor; None for one with fewer than two possible levels.
+    factors : tuple of FactorEffect or None
+        None for a factor with fewer than two possible levels.
     indices : SobolIndices or None
         None if a factor has no effect that could be computed.
     """
 
-    curves: tuple[Curve | None, ...]
-    changes: tuple[Change | None, ...]
+    factors: tuple[FactorEffect | None, ...]
     indices: SobolIndices | None
 
 
@@ -299,11 +401,31 @@ def effects_of(case: Case, design: Design, seed: int, confidence: float) -> Effe
     indices = None
     if len(known) == len(lines):
         indices = indices_of(known, confidence, np.random.default_rng((seed, 8)))
-    return Effects(
-        tuple(None if line is None else curve_of(line, confidence) for line in lines),
-        tuple(None if line is None else largest_change(line, confidence) for line in lines),
-        indices,
+    factors = tuple(
+        None if line is None else _factor_effect(line, case, confidence) for line in lines
     )
+    return Effects(factors, indices)
+
+
+def _factor_effect(line: LineCounts, case: Case, confidence: float) -> FactorEffect:
+    largest = None
+    candidates = largest_candidates(line) if len(line.counts) > 1 else []
+    if candidates and all(case.fresh.keys() >= set(each.points) for each in candidates):
+        tables = [np.array([case.fresh[k] for k in each.points]) for each in candidates]
+        largest = fresh_change(candidates, tables, confidence)
+    curve, mean = curve_of(line, confidence), mean_change(line, confidence)
+    return FactorEffect(curve, mean, largest, len(line.counts))
+
+
+def fresh_points(case: Case, design: Design) -> list[int]:
+    """Return the points of a case that get fresh drops: where shares seem to change most."""
+    found: dict[int, None] = {}
+    for each in design.lines:
+        line = LineCounts.of(case.table, each)
+        if line is not None and len(line.counts) > 1 and len(case.columns) > 1:
+            for candidate in largest_candidates(line):
+                found |= dict.fromkeys(candidate.points)
+    return list(found)
 
 
 @dataclass(frozen=True)
@@ -315,7 +437,7 @@ class Finding:
     sentence : str
         The largest change and the verdict.
     details : str
-        Where that change is.
+        Where that change is, and how large it is on average.
     """
 
     case: str
@@ -333,51 +455,76 @@ class Finding:
 def findings_of(
     case: Case,
     effects: Effects | None,
+    design: Design,
     factors: Sequence[Factor],
     tolerance: float,
     confidence: float,
 ) -> Iterator[Finding]:
     """Yield a finding for each factor, that with the largest change first."""
-    changes = (None,) * len(factors) if effects is None else effects.changes
-    for k in np.argsort([1.0 if each is None else -each.size for each in changes]).tolist():
-        factor, change = factors[k], changes[k]
-        title = factor.label or factor.name
-        title, details = f'{title[0].upper()}{title[1:]}', ''
-        if change is not None:
-            verdict, details = change.verdict(tolerance), _where(change, case, factor)
-            sentence = f'{title} {_sentence(change, tolerance, confidence)}'
+    each = (None,) * len(factors) if effects is None else effects.factors
+    for k in np.argsort([1.0 if e is None else -e.most.size for e in each]).tolist():
+        effect, name = each[k], factors[k].label or factors[k].name
+        title, details = f'{name[0].upper()}{name[1:]}', ''
+        if effect is not None:
+            verdict, details = effect.verdict(tolerance), _where(effect, case, design, factors, k)
+            sentence = f'{title}{_sentence(effect, tolerance, confidence)}'
         elif len(case.columns) < 2 and case.drops.any():
             verdict = NOT_WORTH
             sentence = f'{title} cannot move the shares: all drops are in {case.columns[0]}.'
         else:
             verdict = OPEN
             sentence = f'{title}: too few points with drops to tell what it does.'
-        yield Finding(case.name, factor.name, verdict, sentence, details)
+        yield Finding(case.name, factors[k].name, verdict, sentence, details)
 
 
-def _sentence(change: Change, tolerance: float, confidence: float) -> str:
-    limit = f'the tolerance of {points_text(tolerance)} points'
-    mean = '' if change.lines == 1 else 'root mean square; '
+def _sentence(effect: FactorEffect, tolerance: float, confidence: float) -> str:
+    """Return the finding after the name of the factor."""
+    size, limit = effect.most.size, f'the tolerance of {points_text(tolerance)} points'
     moved = (
-        f'moves the shares by up to {points_text(change.size)} points ({mean}'
-        f'{100 * confidence:g} % interval {points_text(change.lower)} to '
-        f'{points_text(change.upper)})'
+        f' moves the shares by up to {points_text(size)} points '
+        f'({100 * confidence:g} % interval {points_text(effect.lower)} to '
+        f'{points_text(effect.upper)})'
     )
-    return {
-        WORTH: f'{moved}, more than {limit}: measuring it is worth while.',
-        NOT_WORTH: f'{moved}, not more than {limit}: measuring it is not worth while.',
-        OPEN: f'{moved}, which contains {limit}: more drops would decide whether measuring it is '
-        'worth while.',
-    }[change.verdict(tolerance)]
-
-
-def _where(change: Change, case: Case, factor: Factor) -> str:
-    """Say where the largest change is."""
-    ends = [factor.text(float(factor.values(np.array(level)))) for level in change.levels]
-    mean = '' if change.lines == 1 else ', on average over the other factors'
+    verdict = effect.verdict(tolerance)
+    if verdict == WORTH:
+        return f'{moved}, more than {limit}: measuring it is worth while.'
+    if verdict == NOT_WORTH:
+        return f'{moved}, not more than {limit}: measuring it is not worth while.'
+    if effect.largest is None and effect.lines > 1:
+        return ': the drops do not tell yet whether measuring it is worth while.'
+    half = (effect.upper - effect.lower) / 2
+    times = max(2, math.ceil((half / max(abs(size - tolerance), 1e-9)) ** 2))
+    number = f'about {times}' if times <= MAX_TIMES else f'more than {MAX_TIMES}'
     return (
+        f'{moved}, which contains {limit}: {number} times as many drops would decide whether '
+        'measuring it is worth while.'
+    )
+
+
+def _where(
+    effect: FactorEffect, case: Case, design: Design, factors: Sequence[Factor], k: int
+) -> str:
+    """Say where the largest change is, and how large it is on average."""
+    change, mean, factor = effect.most, effect.mean, factors[k]
+    ends = [factor.text(float(factor.values(np.array(level)))) for level in change.levels]
+    text = (
         f'The share of {case.columns[change.column]} is {100 * change.shares[0]:.1f} % at '
-        f'{ends[0]} and {100 * change.shares[1]:.1f} % at {ends[1]}{mean}.'
+        f'{ends[0]} and {100 * change.shares[1]:.1f} % at {ends[1]}'
+    )
+    if effect.lines == 1:
+        return f'{text}.'
+    if change.points is None:
+        return f'{text}, on average over the other factors.'
+    place = design.points[change.points[0]]
+    others = [
+        f'{each.label or each.name} {each.text(float(each.values(place[j])))}'
+        for j, each in enumerate(factors)
+        if j != k
+    ]
+    return (
+        f'{text}, with {" and ".join(others)}. On average over the other factors, shares move by '
+        f'at most {points_text(mean.size)} points ({points_text(mean.lower)} to '
+        f'{points_text(mean.upper)}).'
     )
 
 

@@ -143,7 +143,7 @@ def _case_items(
         case.columns, case_colours(case), [*class_pictures(case.part, case.aspects), ''], texts
     )
     yield result.spec.base.range_text
-    if effects is None or not any(effects.curves):
+    if effects is None or not any(effects.factors):
         yield Text(
             'The shares do not vary, or there are too few points with drops: there are no curves '
             'and indices.',
@@ -222,9 +222,10 @@ def _range(factor: Factor) -> str:
 def curves_figure(case: Case, effects: Effects, factors: Sequence[Factor]) -> 'Figure':
     """Return the shares over each factor: the mean with its band, and each line."""
     figure, panels = _panels(len(factors), PANEL_HEIGHT)
-    known = [curve for curve in effects.curves if curve is not None]
+    curves = [None if each is None else each.curve for each in effects.factors]
+    known = [curve for curve in curves if curve is not None]
     top = min(1.0, 1.1 * max(max(curve.each.max(), curve.upper.max()) for curve in known))
-    for k, (axes, factor, curve) in enumerate(zip(panels, factors, effects.curves, strict=True)):
+    for k, (axes, factor, curve) in enumerate(zip(panels, factors, curves, strict=True)):
         plain_axes(axes, 'y')
         axes.set_ylim(0, top)
         percent_axis(axes, 'y', top)

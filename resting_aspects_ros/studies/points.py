@@ -127,8 +127,15 @@ class Simulation:
         ).distribution
         return np.append(found.counts, [getattr(found, name) for name in OUTSIDE])
 
-    def acted(self, setting: Setting, per_aspect: int, seed: int, monitor: Monitor) -> Counts:
-        """Return counts (k, k + 5) of actions from each aspect.
+    def acted(
+        self,
+        setting: Setting,
+        per_aspect: int,
+        seed: int,
+        monitor: Monitor,
+        ids: Sequence[int] = (),
+    ) -> Counts:
+        """Return counts (k, k + 5) of actions from each of some aspects, by default of all.
 
         In surroundings, actions start from poses in which drops there end; an aspect in which
         none ends has no actions.
@@ -149,6 +156,7 @@ class Simulation:
             scene,
             setting.drop_conditions,
             RestingPoses.join(rests) if rests else None,
+            ids,
         )
         actions = per_aspect * starts.rows
         tally = self._counted(
@@ -327,6 +335,9 @@ class Case:
         Number of the symmetry class from which the actions start; None: dropped.
     skipped : dict of int to str
         Why points are impossible for this part.
+    fresh : dict of int to (c + 1,) int
+        Fresh drops by class and elsewhere at some of the points: where a factor seems to change
+        the shares most.
     """
 
     part: Part
@@ -335,6 +346,7 @@ class Case:
     other: Counts
     start: int | None = None
     skipped: dict[int, str] = field(default_factory=dict)
+    fresh: dict[int, Counts] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -348,6 +360,13 @@ class Case:
         """Names of the symmetry classes, such as 'aspects 1 and 2'."""
         members = self.aspects.classes()
         return [aspects_text(alike) for alike in members]
+
+    @property
+    def start_ids(self) -> tuple[int, ...]:
+        """Ids of the aspects from which the actions start; empty: dropped."""
+        if self.start is None:
+            return ()
+        return tuple(aspect.id for aspect in self.aspects.classes()[self.start - 1])
 
     @property
     def drops(self) -> Counts:

@@ -1,7 +1,7 @@
 """Study what the aspects of parts depend on: drops over ranges of conditions."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -52,14 +52,20 @@ from resting_aspects_ros.studies.design import (
     read_factor,
     read_setting,
 )
-from resting_aspects_ros.studies.effects import Effects, Finding, effects_of, findings_of
+from resting_aspects_ros.studies.effects import (
+    FRESH_DROPS,
+    Effects,
+    Finding,
+    effects_of,
+    findings_of,
+    fresh_points,
+)
 from resting_aspects_ros.studies.points import (
     STORE,
     Case,
     Monitor,
     PointStore,
     Simulation,
-    Task,
     counted,
     counts_by_class,
     point_key,
@@ -77,7 +83,7 @@ WRITTEN = '# To repeat the study: resting_aspects study study.yaml\n'
 NOTE = '# The study may write this file again; without the line above, it never does.\n'
 # Drops of all points together by default, with an action from each aspect a fifth of them; and the
 # bounds of those of one point.
-ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 200_000, 400, 10_000, 5
+ALL_DROPS, MIN_DROPS, MAX_DROPS, ACTIONS = 120_000, 400, 10_000, 5
 # A change of a share that matters to the reader of the page.
 DEFAULT_TOLERANCE = 0.05
 EXPECTED = {
@@ -261,7 +267,7 @@ class StudyResult(Result):
             finding
             for case, effects in zip(self.cases, self.effects, strict=True)
             for finding in findings_of(
-                case, effects, spec.factors, spec.tolerance, spec.confidence
+                case, effects, self.design, spec.factors, spec.tolerance, spec.confidence
             )
         ]
 
@@ -366,7 +372,7 @@ def study(
         Number of base points; a factorial design has none.
     drops : int, optional
         Number of drops at each point; with an action, of actions from each aspect. By default
-        about 200,000 drops, or 40,000 actions from each aspect, are divided among the points.
+        about 120,000 drops, or 24,000 actions from each aspect, are divided among the points.
     seed : int
         Seed of the design and of the drops.
     tolerance : float
@@ -429,69 +435,118 @@ def run_study(
     store = PointStore(folder and folder / STORE, worker_versions())
     if folder is not None:
         spec.write(folder)
-    made, acted = spec.made_design(), spec.base.action is not None
+    made = spec.made_design()
     settings = [spec.base.at(each) for each in point_values(spec.factors, made.points)]
     with given_workers(workers) as pool:
+        make = partial(_made, spec.seed, store, pool, progress, stopped)
         simulations = [Simulation.of(part, pool) for part in spec.parts]
-        wanted = [(each, at) for each in simulations for at in settings]
-        found = _made(wanted, spec, store, pool, progress, stopped)
-    m, complete = len(settings), not any(each is None for each in found)
-    cases = [
-        case
-        for k, each in enumerate(simulations)
-        for case in _cases(each, found[k * m : (k + 1) * m], acted=acted)
-    ]
+        wanted = [[_Wanted(each, at, spec.drops) for at in settings] for each in simulations]
+        found = make('points', wanted)
+        complete = _complete(found)
+        pairs = [
+            (simulation, case)
+            for simulation, own in zip(simulations, found, strict=True)
+            for case in _cases(simulation, own, acted=spec.base.action is not None)
+        ]
+        cases = [case for _, case in pairs]
+        if complete:
+            drops, points = FRESH_DROPS * spec.drops, [fresh_points(each, made) for each in cases]
+            wanted = [
+                [_Wanted(each, settings[k], drops, case.start_ids, 'fresh') for k in own]
+                for (each, case), own in zip(pairs, points, strict=True)
+            ]
+            found = make('points, fresh drops', wanted)
+            complete = _complete(found)
+            cases = [
+                replace(case, fresh=_fresh(case, dict(zip(own, counts, strict=True))))
+                for case, own, counts in zip(cases, points, found, strict=True)
+            ]
     return StudyResult(spec, made, tuple(cases), complete)
 
 
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """Drops of a part, or actions from each of some aspects, by default of all.
+
+    setting : Setting or str
+        A text is the reason why it is impossible.
+    purpose : str
+        Drops for another purpose are independent.
+    """
+
+    simulation: Simulation
+    setting: Setting | str
+    drops: int
+    ids: tuple[int, ...] = ()
+    purpose: str = ''
+
+    def key(self, seed: int) -> str:
+        """Return what determines the counts, but for the number of drops."""
+        assert isinstance(self.setting, Setting)
+        key = point_key(self.simulation.part, self.setting)
+        words = [str(seed), key, self.purpose, '-'.join(map(str, self.ids))]
+        return ' '.join(filter(None, words))
+
+    @property
+    def total(self) -> int:
+        """Number of drops, or of actions from all aspects together."""
+        if isinstance(self.setting, str) or self.setting.action is None:
+            return self.drops
+        return self.drops * (len(self.ids) or len(self.simulation.aspects))
+
+    def counts(self, seed: int, monitor: Monitor) -> Counts:
+        """Return counts (r, k + 5) of drops, r = 1, or of actions from each aspect."""
+        assert isinstance(self.setting, Setting)
+        own = point_seed(seed, self.simulation.part, self.setting, self.purpose)
+        if self.setting.action is None:
+            return self.simulation.dropped(self.setting, self.drops, own, monitor)[None]
+        return self.simulation.acted(self.setting, self.drops, own, monitor, self.ids)
+
+
+_Found = list[list[Counts | str | None]]
+
+
 def _made(
-    wanted: Sequence[tuple[Simulation, Setting | str]],
-    spec: StudySpec,
+    seed: int,
     store: PointStore,
     workers: Workers,
     progress: Progress,
     stopped: Callable[[], bool],
-) -> list[Counts | str | None]:
+    label: str,
+    wanted: Sequence[Sequence[_Wanted]],
+) -> _Found:
     """Simulate and store what is missing.
 
-    Returns the counts (r, k + 5) of parts, why they are impossible, or None if it was stopped.
+    Returns the counts (r, k + 5) of each, why it is impossible, or None if it was stopped.
     """
-    found: list[Counts | str | None] = []
-    missing: list[tuple[int, str, Task]] = []
-    total = 0
-    for index, (simulation, setting) in enumerate(wanted):
-        if isinstance(setting, str):
-            found.append(setting)
-            continue
-        key = f'{spec.seed} {point_key(simulation.part, setting)}'
-        found.append(store.counts(key, spec.drops))
-        if found[-1] is None:
-            missing.append((index, key, partial(_simulated, simulation, setting, spec)))
-            total += spec.drops * (1 if setting.action is None else len(simulation.aspects))
-    known = 'missing ' if len(missing) < len(wanted) else ''
-    label = f'{len(missing)} {known}points'
+    found: _Found = [
+        [
+            w.setting if isinstance(w.setting, str) else store.counts(w.key(seed), w.drops)
+            for w in own
+        ]
+        for own in wanted
+    ]
+    places = [(j, k) for j, own in enumerate(found) for k, each in enumerate(own) if each is None]
+    missing = [wanted[j][k] for j, k in places]
+    total = sum(w.total for w in missing)
+    known = 'missing ' if len(missing) < sum(map(len, wanted)) else ''
+    label = f'{len(missing)} {known}{label}'
     with DropProgress(label, total, shown=total > 0 and progress) as bar:
         made = run_tasks(
-            [task for _, _, task in missing],
+            [partial(w.counts, seed) for w in missing],
             workers,
             bar.update,
             stopped,
-            lambda k, counts: store.add(missing[k][1], spec.drops, counts),
+            lambda k, counts: store.add(missing[k].key(seed), missing[k].drops, counts),
         )
         bar.end(bar.done)
-    for (index, _, _), counts in zip(missing, made, strict=True):
-        found[index] = counts
+    for (j, k), counts in zip(places, made, strict=True):
+        found[j][k] = counts
     return found
 
 
-def _simulated(
-    simulation: Simulation, setting: Setting, spec: StudySpec, monitor: Monitor
-) -> Counts:
-    """Return counts (r, k + 5) of drops, r = 1, or of actions from each aspect."""
-    seed = point_seed(spec.seed, simulation.part, setting)
-    if setting.action is None:
-        return simulation.dropped(setting, spec.drops, seed, monitor)[None]
-    return simulation.acted(setting, spec.drops, seed, monitor)
+def _complete(found: _Found) -> bool:
+    return not any(each is None for own in found for each in own)
 
 
 def _cases(
@@ -509,3 +564,14 @@ def _cases(
         own = [aspect.id - 1 for aspect in members]
         ends = classes[:, own].sum(axis=1), other[:, own].sum(axis=1)
         yield Case(part, aspects, *ends, number, skipped)
+
+
+def _fresh(case: Case, found: Mapping[int, Counts | str | None]) -> dict[int, Counts]:
+    """Return counts (r, k + 5) at points as counts (c + 1,) by class, and elsewhere."""
+    k, fresh = len(case.aspects), {}
+    for point, counts in found.items():
+        # In surroundings, an aspect in which no drop ends has no actions.
+        if isinstance(counts, np.ndarray) and counts.any():
+            total = counts.sum(axis=0)
+            fresh[point] = np.append(counts_by_class(case.aspects, total[:k]), total[k:].sum())
+    return fresh

@@ -15,8 +15,10 @@ from resting_aspects_ros.studies.effects import (
     curve_of,
     effects_of,
     findings_of,
+    fresh_change,
     indices_of,
-    largest_change,
+    largest_candidates,
+    mean_change,
 )
 from resting_aspects_ros.studies.points import Case
 
@@ -129,19 +131,29 @@ def test_largest_change_is_within_its_bounds(share, size):
     """The bounds allow for the choice of the largest one of many changes."""
     runs, inside = 100, 0
     for seed in range(runs):
-        change = largest_change(line_counts(share, 8, 200, seed)[0], 0.9)
+        change = mean_change(line_counts(share, 8, 200, seed)[0], 0.9)
         inside += change.lower <= size <= change.upper
         assert change.lower <= change.size <= change.upper
     assert inside >= binom.ppf(0.001, runs, 0.9)
 
 
-def test_changes_in_opposite_directions_do_not_cancel():
-    """The change over one factor is from -0.4 to 0.4: 0 on average, its root mean square 0.23."""
-    line = line_counts(lambda u: 0.5 + 0.8 * (u[:, 0] - 0.5) * (u[:, 1] - 0.5), 64, EXACT)[0]
-    change = largest_change(line, 0.95)
-    assert change.size == pytest.approx(0.4 / np.sqrt(3), rel=0.02)
-    assert np.ptp(change.shares) < 0.02
-    assert change.levels == (0.0, 1.0)
+def test_fresh_drops_find_the_largest_change_without_bias():
+    """Without an effect, the largest of many lines is lucky; fresh drops there are not."""
+    runs, drops, lucky, fresh, above = 50, 400, [], [], 0
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        line = line_counts(constant, 16, drops, seed)[0]
+        (first, *_) = candidates = largest_candidates(line)
+        lucky.append(np.ptp(line.shares, axis=1).max())
+        tables = [rng.multinomial(8 * drops, [0.3, 0.7], 2) for _ in candidates]
+        change = fresh_change(candidates, tables, 0.95)
+        shares = tables[0] / tables[0].sum(axis=1, keepdims=True)
+        fresh.append(shares[1, first.column] - shares[0, first.column])
+        above += change.lower > 0
+    error = np.sqrt(2 * 0.21 / (8 * drops) / runs)
+    assert np.mean(lucky) > 0.08
+    assert abs(np.mean(fresh)) < 4 * error
+    assert above <= binom.ppf(0.999, runs, 0.05)
 
 
 @pytest.fixture(scope='module')
@@ -150,20 +162,25 @@ def cylinder():
     return part, ra.find_aspects(part)
 
 
-def verdicts(cylinder, share, tolerance, drops=600, seed=1):
+def verdicts(cylinder, share, tolerance, drops=400, seed=1):
     """Return the effects and the findings by factor of drops with known shares."""
     design, rng = make_design('curves', FACTORS, 16, 3), np.random.default_rng(seed)
-    count = rng.binomial(drops, share(design.points))
-    counts = np.column_stack([count, drops - count])
-    case = Case(*cylinder, counts, np.zeros((len(counts), 5), dtype=int))
+
+    def table(n):
+        count = rng.binomial(n, share(design.points))
+        return np.column_stack([count, n - count])
+
+    counts, fresh = table(drops), table(8 * drops)
+    none = np.zeros((len(counts), 5), dtype=int)
+    case = Case(*cylinder, counts, none, fresh=dict(enumerate(fresh)))
     effects = effects_of(case, design, 1, 0.95)
-    found = findings_of(case, effects, FACTORS, tolerance, 0.95)
+    found = findings_of(case, effects, design, FACTORS, tolerance, 0.95)
     return effects, {finding.factor: finding for finding in found}
 
 
 def test_factor_that_moves_the_shares_is_worth_measuring(cylinder):
     effects, found = verdicts(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.05)
-    assert effects.changes[0].lower < 0.2 < effects.changes[0].upper
+    assert effects.factors[0].lower < 0.2 < effects.factors[0].upper
     assert found['restitution'].verdict == WORTH
     assert found['friction'].verdict == NOT_WORTH
     assert list(found) == ['restitution', 'friction']  # the larger one first
@@ -193,7 +210,7 @@ def test_part_with_one_class_has_no_effects():
     m = len(design.points)
     case = Case(part, ra.find_aspects(part), np.full((m, 1), 9), np.zeros((m, 5), dtype=int))
     assert effects_of(case, design, 1, 0.95) is None
-    found = list(findings_of(case, None, FACTORS, 0.05, 0.95))
+    found = list(findings_of(case, None, design, FACTORS, 0.05, 0.95))
     assert 'cannot move the shares' in found[0].text
     assert [each.verdict for each in found] == [NOT_WORTH] * 2
 

@@ -15,6 +15,7 @@ from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.errors import EngineError, InvalidValueError, OutputError
 from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, HeightOf
 from resting_aspects_ros.studies.design import Factor, Setting
+from resting_aspects_ros.studies.effects import FRESH_DROPS
 from resting_aspects_ros.studies.points import STORE, Case, PointStore
 from resting_aspects_ros.studies.study import (
     SPEC,
@@ -76,6 +77,23 @@ def test_points_are_added_without_repetition(tmp_path, here):
     again = here()
     fewer = run(tmp_path, vary=vary, points=1, drops=50, workers=again)
     assert table(fewer) == table(few)
+    assert again.submitted == []
+
+
+def test_changes_are_confirmed_by_fresh_drops(tmp_path, here):
+    workers = here()
+    result = run(tmp_path, parts=['l_bracket'], drops=40, workers=workers)
+    for effect in result.effects[0].factors:
+        assert effect.largest.points is not None
+    (case,) = result.cases
+    assert {int(each.sum()) for each in case.fresh.values()} == {FRESH_DROPS * 40}
+    # They are other drops than those of the design, which are all counted in the table.
+    assert case.drops.tolist() == [40] * 4
+    assert simulated(workers, 40) == 4
+    assert simulated(workers, FRESH_DROPS * 40) == len(case.fresh)
+    again = here()
+    repeated = run(tmp_path, parts=['l_bracket'], drops=40, workers=again)
+    assert repeated.findings == result.findings
     assert again.submitted == []
 
 
@@ -173,6 +191,8 @@ def test_actions_are_counted_by_the_class_from_which_they_start(here):
     assert all(row['model_lower'] is None for row in result.rows)
     for case in result.cases:
         assert case.drops.tolist() == [20] * 4  # two aspects of a class, ten actions each
+        # Fresh actions start only from the aspects of the class.
+        assert {int(each.sum()) for each in case.fresh.values()} == {2 * FRESH_DROPS * 10}
 
 
 def test_surroundings_vary(tmp_path, here):
@@ -250,7 +270,8 @@ def test_degenerate_counts_have_tables_findings_and_a_page(table, lost, factors,
     row = (2 * design.points[:, 0]).astype(int)
     other = np.zeros((len(row), 5), dtype=np.int64)
     other[:, 3] = lost[row]
-    case = Case(part, aspects, table[row], other)
+    fresh = {k: np.append(table[each], lost[each]) for k, each in enumerate(row)}
+    case = Case(part, aspects, table[row], other, fresh=fresh)
     result = StudyResult(spec, design, (case,), True)
     with warnings.catch_warnings():
         warnings.simplefilter('error', ra.RestingAspectsWarning)  # no analysis fails
