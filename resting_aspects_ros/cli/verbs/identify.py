@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     parts = [requested_part(arguments, given) for given in arguments.parts_]
     known = [known_part(part) for part in parts]
     found = identify_part(seen, known, noise=noise, camera=camera)
-    hint = identification_hint(found, seen, known, noise)
+    hint = identification_hint(found, seen, known)
     shown_hint = hint if camera else f'{hint} {TELECENTRIC}'.strip()
     show_result(
         arguments,
