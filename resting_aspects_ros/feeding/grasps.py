@@ -11,9 +11,7 @@ import shapely
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.feeding.footprint import Footprint, Grip
 from resting_aspects_ros.input_files import FileModel, FromOne, Number, named, read_yaml, validated
-from resting_aspects_ros.part.hull import smallest_rectangle
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, Unit
 from resting_aspects_ros.rotations import product, rotate
 from resting_aspects_ros.vision.boundary import placed
@@ -287,34 +285,6 @@ def check_grasps(
                 f'invalid grasps: expected one for pickable aspect {wanted[0]} (symmetry class '
                 f'{each.outline.symmetry_class}); they are for {sorted(able)}'
             )
-
-
-def grips_of(grasps: Sequence[Grasp], placement: Placement) -> tuple[Grip, ...]:
-    """Return what the gripper covers for each grasp of a symmetry class.
-
-    It is relative to the centre and the longer side of the rectangle around the outline, as the
-    model of free parts represents the part.
-    """
-    outline = placement.outline
-    centre = outline.centroid
-    if outline.yaw_symmetry != 0:
-        centre = smallest_rectangle(shapely.get_coordinates(outline.polygon))[0]
-    cos, sin = math.cos(outline.long_axis), math.sin(outline.long_axis)
-    found = []
-    for grasp in grasps:
-        if grasp.aspect not in outline.aspects:
-            continue
-        x, y, yaw = gripper_place(_pose_of(grasp, (placement,)))
-        dx, dy = x - centre[0], y - centre[1]
-        found.append(
-            Grip(
-                Footprint(grasp.length, grasp.width, grasp.radius),
-                float(cos * dx + sin * dy),
-                float(cos * dy - sin * dx),
-                yaw - outline.long_axis,
-            )
-        )
-    return tuple(found)
 
 
 def _pose_of(grasp: Grasp, placements: Sequence[Placement]) -> Any:

@@ -38,7 +38,7 @@ def density(generator):
 
 
 def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
-    found = forecast_controller(MODEL, places=density, controller=fixed_cycle(MODEL))
+    found = forecast_controller(MODEL, density, controller=fixed_cycle(MODEL))
     expected = SteadyStates(FEEDER).rates(TABLE)[7]
     # The interval of the mean contains it in 95 % of cases, so twice its width nearly always.
     assert abs(found.rate - expected) < found.upper - found.lower
@@ -76,7 +76,7 @@ def test_interval_contains_what_the_counts_leave_open():
         max_picks=3,
     )
     model, minutes = ControllerModel(feeder, TABLE, 12), 5
-    found = forecast_controller(model, minutes, places=lambda each: DensityPlaces(model, each))
+    found = forecast_controller(model, lambda each: DensityPlaces(model, each), minutes)
     low, high = found.prediction
     drawn = drawn_moves(feeder.drop, feeder.transitions, 10, np.random.default_rng(5))
     within = 0
@@ -109,4 +109,4 @@ def test_formula_predicts_runs_of_its_cycle():
 def test_invalid_duration_is_refused():
     for minutes in (0, np.nan, 1e9):
         with pytest.raises(InvalidValueError, match='invalid minutes'):
-            forecast_controller(MODEL, minutes)
+            forecast_controller(MODEL, density, minutes)

@@ -4,7 +4,6 @@ import argparse
 import re
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.cli.action_options import add_action_values, requested_actions
@@ -29,7 +28,9 @@ from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 
 if TYPE_CHECKING:
     from resting_aspects_ros.api.forecast_result import ForecastResult
+    from resting_aspects_ros.api.reorient import ReorientResult
     from resting_aspects_ros.feeding.footprint import Footprint
+    from resting_aspects_ros.part.part import Part
 
 DESCRIPTION = """Predict how many parts per minute a robot picks from a vibrating tray under a
 camera: the rate with its interval, the best number of parts on the tray, how
@@ -79,13 +80,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_actions_file(parser)
     parser.add_argument(
-        '--grasps',
-        metavar='FILE',
-        type=Path,
-        help='YAML file of the grasps of the part instead of --gripper, such as '
-        'config/grasps/l_bracket.yaml (none)',
-    )
-    parser.add_argument(
         '--controller',
         action='store_true',
         help='also simulate runs in which feeder_controller decides, about 5 s for each forecast',
@@ -119,17 +113,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
-        from resting_aspects_ros.api.forecast import forecast_each
+        from resting_aspects_ros.api.forecast import forecast
         from resting_aspects_ros.api.forecast_result import save_forecast_picture
 
-        options = _options(arguments)
+        cell, simulation = _cell(arguments), _simulation(arguments)
         sets = _sets(arguments)
         parts = [requested_part(arguments, given) for given in arguments.part]
         out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE))
-        requests = list(zip(parts, sets, strict=True))
-        results = forecast_each(
-            requests, confidence=arguments.confidence, **options, **started.options
-        )
+        results: list[ForecastResult] = []
+        for part, of_part in zip(parts, sets, strict=True):
+            known: Part | ReorientResult = part
+            more = {**simulation, **started.options}
+            for pickable, classes in of_part:
+                found = forecast(known, pickable, pickable_classes=classes, **cell, **more)
+                results.append(found)
+                # The next forecast of this part does not need another simulation.
+                known, more = found.reorientation, {'stopped': started.options['stopped']}
         first, *others = results
         picture = partial(save_forecast_picture, results)
         finish(
@@ -143,38 +142,36 @@ def run(arguments: argparse.Namespace) -> int:
         return DONE
 
 
-def _options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the forecast that the flags request; raises InvalidValueError."""
-    from resting_aspects_ros.api.forecast import DEFAULT_ACTION
-
-    arguments.action = arguments.action or DEFAULT_ACTION
-    actions = requested_actions(arguments)
-    if len(actions) > 1:
-        raise InvalidValueError(f'invalid --action {arguments.action!r}: expected a single action')
+def _cell(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the feeder and the robot; raises InvalidValueError."""
     options = requested_times(arguments)
-    if arguments.grasps is not None:
-        # The import of shapely is only needed here.
-        from resting_aspects_ros.feeding.grasps import load_grasps
-
-        if arguments.gripper is not None:
-            raise InvalidValueError('invalid --gripper: expected none with --grasps')
-        if len(arguments.part) > 1:
-            raise InvalidValueError('invalid --grasps: expected a single part')
-        options['grasps'] = load_grasps(arguments.grasps)
     if arguments.gripper is not None:
         options['gripper'] = parse_gripper(arguments.gripper)
     return options | {
-        'action': actions[0],
         'tray': parse_tray(arguments.tray),
         'clearance': parse_quantity('--clearance', arguments.clearance, 'm'),
         'parts_on_tray': arguments.parts_on_tray,
         'max_picks': arguments.max_picks,
         'minutes': parse_quantity('--minutes', arguments.minutes, ''),
         'controller': arguments.controller,
+    }
+
+
+def _simulation(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the drops and the actions; raises InvalidValueError."""
+    from resting_aspects_ros.api.forecast import DEFAULT_ACTION
+
+    arguments.action = arguments.action or DEFAULT_ACTION
+    actions = requested_actions(arguments)
+    if len(actions) > 1:
+        raise InvalidValueError(f'invalid --action {arguments.action!r}: expected a single action')
+    return {
+        'action': actions[0],
         'per_aspect': arguments.per_aspect,
         'drops': arguments.drops,
         'seed': arguments.seed,
         'surface': requested_conditions(arguments),
+        'confidence': arguments.confidence,
     }
 
 
