@@ -24,7 +24,6 @@ from resting_aspects_ros.api.count_files import counted_drops, read_counts
 from resting_aspects_ros.api.counts import counted_by_class
 from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.forecast import PER_ASPECT, forecast
-from resting_aspects_ros.api.forecast_result import forecast_page
 from resting_aspects_ros.api.model_range import covered_text
 from resting_aspects_ros.api.outlines import OutlinesResult, outlines
 from resting_aspects_ros.api.pages import reorientation_page
@@ -245,8 +244,7 @@ def _show_forecast(work: Work) -> None:
         clearance=cell.clearance,
         parts_on_tray=cell.parts_on_tray,
     )
-    page = forecast_page([result])
-    work.show('forecast', _level_note(work, ON_A_TRAY) + page_items(page))
+    work.show('forecast', _level_note(work, ON_A_TRAY) + page_items(result.page()))
 
 
 def _level_note(work: Work, text: str) -> list[Item]:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from resting_aspects_ros.api.compare import DriftResult
     from resting_aspects_ros.api.counts import CountedDrops
     from resting_aspects_ros.api.drop import DropResult
-    from resting_aspects_ros.aspects.aspect_set import AspectSet
     from resting_aspects_ros.part.part import Part
 
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
@@ -147,7 +146,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
     result = watch_drift(_expected(arguments, part), observed, **options)
     document = DOCUMENT, result.to_json
-    show = partial(_show, result, part, aspects)
+    show = partial(_show, result)
     finish(arguments, out, document, {PICTURE: result.save_picture}, show)
     return DONE
 
@@ -183,8 +182,7 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
     return given
 
 
-def _show(result: 'DriftResult', part: 'Part', aspects: 'AspectSet') -> None:
-    from resting_aspects_ros.api.forecast_result import counted_apart_texts
+def _show(result: 'DriftResult') -> None:
     from resting_aspects_ros.cli.console import show_table, show_texts
     from resting_aspects_ros.report.drift import drift_notes, live_table, window_table
 
@@ -193,4 +191,3 @@ def _show(result: 'DriftResult', part: 'Part', aspects: 'AspectSet') -> None:
     show_table(window_table(result.test, result.title))
     print()
     show_table(live_table(result.test, result.live))
-    show_texts(*counted_apart_texts(part, aspects, result.test.observed.groups))

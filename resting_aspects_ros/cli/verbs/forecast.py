@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
         from resting_aspects_ros.api.forecast import forecast
-        from resting_aspects_ros.api.forecast_result import save_forecast_picture
+        from resting_aspects_ros.api.result import save_figure
 
         cell, simulation = _cell(arguments), _simulation(arguments)
         sets = _sets(arguments)
@@ -130,12 +130,13 @@ def run(arguments: argparse.Namespace) -> int:
                 # The next forecast of this part does not need another simulation.
                 known, more = found.reorientation, {'stopped': started.options['stopped']}
         first, *others = results
-        picture = partial(save_forecast_picture, results)
         finish(
             arguments,
             out,
             (DOCUMENT, partial(first.to_json, others)),
-            {} if arguments.report else {PICTURE: picture},
+            {}
+            if arguments.report
+            else {PICTURE: lambda path: save_figure(first.figure(others), path)},
             partial(_show, results),
             lambda folder: first.report(folder, others),
         )
