@@ -285,17 +285,16 @@ def _show_track(work: Work) -> None:
             work.publish('progress', {'text': f'looking for traps that pass row {rail.want} ...'})
 
     function = track if rail.traps else design_track
-    found = work.made(function, work.opened.part, options, 'drops', progress=progress)
+    found: TrackResult = work.made(function, work.opened.part, options, 'drops', progress=progress)
     if work.stopped():
         return
-    best: TrackResult = found if rail.traps else found.best
     items = _level_note(work, ON_A_PLANE)
-    if not rail.traps and not found.designs:
+    if found.design is not None and not found.design.designs:
         items.append(Text(NO_DESIGN, 'verdict'))
-    covered = best.drop.range_text  # below the table
+    covered = found.drop.range_text  # below the table
     items += [Text(each, 'plain') for each in found.sentences if each != covered]
-    items += page_items(best.page(), backwards=True)  # the traps first
-    proposed = [] if rail.traps else [trap.document for trap in best.passage.track.traps]
+    items += page_items(found.page(), backwards=True)  # the traps first
+    proposed = [] if rail.traps else [trap.document for trap in found.passage.track.traps]
     work.publish('track', {'html': controls_html('proposed', traps=proposed) + items_html(items)})
 
 

@@ -31,7 +31,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import parse_quantity
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
+    from resting_aspects_ros.api.track_result import TrackResult
 
 DESCRIPTION = """Show how a part lies on the track of a bowl or linear feeder, which
 orientations pass the traps, and how many good parts per minute that gives; or
@@ -128,7 +128,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with session(arguments) as started:
         from resting_aspects_ros.api.track import default_track, design_track, given_track, track
-        from resting_aspects_ros.api.track_result import TrackDesign
 
         part = requested_part(arguments)
         described = _described(arguments)
@@ -148,12 +147,12 @@ def run(arguments: argparse.Namespace) -> int:
             'model_range': not arguments.no_model_range,
             **started.options,
         }
-        make: Callable[[], TrackResult | TrackDesign]
+        make: Callable[[], TrackResult]
         if arguments.design:
             make = partial(design_track, part, arguments.want, on, **options)
         else:
             make = partial(track, part, on, arguments.want, **options)
-        result: TrackResult | TrackDesign
+        result: TrackResult
         result, failure = partial_result(make)
         finish(
             arguments,
@@ -163,10 +162,9 @@ def run(arguments: argparse.Namespace) -> int:
             partial(_show, result),
             result.report,
         )
-        drop = result.best.drop if isinstance(result, TrackDesign) else result.drop
-        has = f'{drop.distribution.drops} of {arguments.drops} drops'
+        has = f'{result.drop.distribution.drops} of {arguments.drops} drops'
         code = exit_code(has, complete=result.complete, failure=failure)
-        if code == DONE and isinstance(result, TrackDesign) and not result.designs:
+        if code == DONE and result.design is not None and not result.design.designs:
             return FAILED
         return code
 
@@ -204,7 +202,7 @@ def _trap(text: str) -> dict[str, str]:
     return trap
 
 
-def _show(result: 'TrackResult | TrackDesign') -> None:
+def _show(result: 'TrackResult') -> None:
     from resting_aspects_ros.cli.console import show_table, show_texts
 
     for table in result.tables():
