@@ -5,8 +5,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.conditions import condition_facts, surface_text
-from resting_aspects_ros.api.pages import part_facts, run_facts, warning_notes
+from resting_aspects_ros.api.conditions import surface_text
+from resting_aspects_ros.api.pages import part_facts, run_facts, surface_facts, warning_notes
 from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -289,7 +289,7 @@ def _facts(
             ('number of drops', str(found.drop.drops)),
             ('action', found.action.text),
         ]
-    facts['Conditions'] = [('surface', surface_text(conditions)), *condition_facts(conditions)]
+    facts['Conditions'] = surface_facts(conditions)
     return facts
 
 

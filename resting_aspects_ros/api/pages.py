@@ -15,7 +15,6 @@ from resting_aspects_ros.api.conditions import (
     outcome_hints,
     scene_of,
     simulated_shapes,
-    surface_text,
     when_text,
 )
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
@@ -39,7 +38,6 @@ from resting_aspects_ros.report.format import (
 )
 from resting_aspects_ros.report.page import (
     Chart,
-    Facts,
     Fold,
     Item,
     Page,
@@ -69,8 +67,7 @@ from resting_aspects_ros.report.transitions import (
     table_rows,
     wanted_table,
 )
-from resting_aspects_ros.simulation.actions import TIME, NamedAction
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of
+from resting_aspects_ros.simulation.conditions import DropConditions, quantities_of
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import (
     BODY_VALUES,
@@ -177,10 +174,7 @@ def _facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
     run, distribution = result.run, result.distribution
     return {
         'Part': part_facts(result.part, run, distribution.aspects),
-        'Conditions': [
-            ('surface', surface_text(run.conditions)),
-            *condition_facts(run.conditions),
-        ],
+        'Conditions': surface_facts(run.conditions),
         **_surroundings_facts(result),
         'Run': [
             *run_facts(run, distribution.drops, 'drops'),
@@ -192,14 +186,21 @@ def _facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
     }
 
 
+def surface_facts(conditions: DropConditions) -> list[tuple[str, str]]:
+    """Return label and value of the surface and of each condition."""
+    return [('surface', conditions_text(conditions)), *condition_facts(conditions)]
+
+
 def _surroundings_facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
     """Return the surroundings in words, below their heading; empty for the level plane."""
     conditions = result.run.conditions
     if conditions.surroundings is None:
         return {}
+    facts = list(_shape_facts(conditions.surroundings, conditions))
     shapes = simulated_shapes(result.part, conditions)
-    simulated = [] if shapes is None else [('as simulated', text) for text in shapes.sentences()]
-    return {'Surroundings': [*surroundings_facts(conditions.surroundings, conditions), *simulated]}
+    if shapes is not None:
+        facts += [('as simulated', text) for text in shapes.sentences()]
+    return {'Surroundings': facts}
 
 
 def run_facts(run: RunDescription, done: int, what: str) -> list[tuple[str, str]]:
@@ -272,7 +273,7 @@ def _colour(aspects: AspectSet, contacts: tuple[int, ...]) -> Array:
     return np.asarray(0.65 * colour + 0.35)
 
 
-def surroundings_facts(
+def _shape_facts(
     surroundings: Surroundings, conditions: DropConditions
 ) -> Iterator[tuple[str, str]]:
     """Yield label and value: the kind, its dimensions, each body, and the release.
@@ -313,16 +314,6 @@ def surroundings_facts(
 # The page on actions, and that on retention curves.
 PAGE, RETENTION_PAGE = 'reorientation.html', 'retention.html'
 HEAT_MAP, RETENTION = 'transitions', 'retention'
-# Conditions that matter only for drops.
-_RELEASE = {
-    QUANTITIES[name].label for name in ('height', 'speed_horizontal', 'speed_vertical', 'spin')
-}
-
-
-def reorientation_file_names(actions: Sequence[str]) -> list[str]:
-    """Return the names of all files of a page on these actions; without any, on retention."""
-    figures = [HEAT_MAP + suffix_of(name, actions) for name in actions]
-    return file_names(PAGE, figures) if actions else file_names(RETENTION_PAGE, [RETENTION])
 
 
 def reorientation_page(
@@ -366,12 +357,12 @@ def reorientation_page(
         reading=reading('reorientation'),
         facts={
             'Part': part_facts(first.part, first.run, first.matrix.aspects),
-            **_contact_facts(first.run.conditions),
+            'Conditions': surface_facts(first.run.conditions),
             **dict(zip(runs, map(_action_run_facts, results), strict=True)),
         },
         notes=warning_notes(first.part),
         contents=len(results) > 1,
-        names=reorientation_file_names(names),
+        names=file_names(PAGE, [HEAT_MAP + suffix_of(name, names) for name in names]),
     )
 
 
@@ -380,10 +371,11 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
     action, matrix = result.action, result.matrix
     low, high = matrix.actions.min(), matrix.actions.max()
     each = f'{low}' if low == high else f'{low} to {high}'
-    yield f'{action.action.kind}: {matrix.actions.sum()} actions, {each} from each aspect.'
-    for note in _action_notes(result):
-        yield Text(note, 'note')
-    yield Facts(list(_action_facts(action)))
+    yield f'{action.text}: {matrix.actions.sum()} actions, {each} from each aspect.'
+    if not result.complete:
+        yield Text(_incomplete(int(matrix.actions.sum()), result.run.drops, 'actions'), 'note')
+    if not action.action.has_effect:
+        yield Text('The action has no effect: every part stays where it is.', 'note')
     if action.source:
         yield f'Source of these values: {action.source}'
     yield Text('Transitions', 'part')
@@ -502,44 +494,19 @@ def retention_page(result: 'RetentionResult') -> Page:
         reading=reading('retention'),
         facts={
             'Part': part_facts(part, run, result.aspects),
-            'Conditions': _contact_facts(run.conditions)['Conditions'],
+            'Conditions': surface_facts(run.conditions),
             'Run': [
                 *run_facts(run, done, 'disturbances'),
                 ('disturbances from each aspect at each lift height', str(each)),
             ],
         },
         notes=[*notes, *warning_notes(part)],
-        names=reorientation_file_names(()),
+        names=file_names(RETENTION_PAGE, [RETENTION]),
     )
-
-
-def _action_notes(result: 'ReorientResult') -> Iterator[str]:
-    if not result.complete:
-        yield _incomplete(int(result.matrix.actions.sum()), result.run.drops, 'actions')
-    if not result.action.action.has_effect:
-        yield 'The action has no effect: every part stays where it is.'
 
 
 def _incomplete(done: int, requested: int, what: str) -> str:
     return f'The run is not complete: it has {done} of {requested} {what}.'
-
-
-def _action_facts(action: NamedAction) -> Iterator[tuple[str, str]]:
-    for name, quantity in quantities_of(action.action).items():
-        value = getattr(action.action, name)
-        yield quantity.label, f'{value:g} {quantity.unit}'.rstrip()
-    yield TIME.text, f'{action.time:g} {TIME.unit}'
-
-
-def _contact_facts(conditions: DropConditions) -> dict[str, list[tuple[str, str]]]:
-    """Return the conditions of the contact, and those that matter only for the drops."""
-    facts = list(condition_facts(conditions))
-    release = [fact for fact in facts if fact[0].partition(' (')[0] in _RELEASE]
-    contact = [fact for fact in facts if fact not in release]
-    return {
-        'Conditions': [('surface', conditions_text(conditions)), *contact],
-        'Release of the drops': release,
-    }
 
 
 def _action_run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:
@@ -547,5 +514,6 @@ def _action_run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:
     return [
         *run_facts(result.run, int(result.matrix.actions.sum()), 'actions'),
         ('number of drops', str(result.drop.drops)),
+        ('time of an action', f'{result.action.time:g} s'),
         ('maximum energy gain in an action', growth),
     ]
