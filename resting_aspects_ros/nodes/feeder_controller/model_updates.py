@@ -180,10 +180,9 @@ def flips_from(message: TransitionMatrixMsg, part: str) -> Simulated[TransitionM
 
 def _run_from(
     message: AspectDistribution | TransitionMatrixMsg,
-) -> tuple[str, str, str, object, str, bool]:
-    run, conditions = message.run, message.run.conditions
-    sha256, surface = run.part_sha256, conditions.surface
-    return run.run_id, run.part, sha256, conditions, surface, message.complete
+) -> tuple[str, str, str, object, bool]:
+    run = message.run
+    return run.run_id, run.part, run.part_sha256, run.conditions, message.complete
 
 
 # A part with very many triangles and aspects needs more time than a file, s.
