@@ -120,7 +120,6 @@ def forecast(
     minutes: float = 60.0,
     action: str | Action | NamedAction = DEFAULT_ACTION,
     per_aspect: int = PER_ASPECT,
-    controller: bool = False,
     workers: int | Workers | None = None,
     progress: Progress = False,
     stopped: Callable[[], bool] = never,
@@ -169,8 +168,6 @@ def forecast(
         What the feeder does to the parts before each image.
     per_aspect : int
         Number of simulated actions from each aspect.
-    controller : bool
-        Also simulate runs in which feeder_controller decides; see `forecast_controlled`.
     workers, progress, stopped
         As for `drop`.
     **simulation
@@ -221,9 +218,9 @@ def forecast(
     if max_picks is not None:
         check_number('maximum number of picks', max_picks)
     check_tray(loaded, aspects, cell, parts_on_tray)
-    _check_pickable(
-        loaded, aspects, aspects.chosen(pickable, pickable_classes, 'pickable'), cell, controller
-    )
+    ids = aspects.chosen(pickable, pickable_classes, 'pickable')
+    for text in divided_class_texts(aspects, ids):
+        warn(f'{loaded.name}: {text}; pickable classes request whole classes')
     if isinstance(part, ReorientResult):
         result = part
     else:
@@ -238,7 +235,7 @@ def forecast(
         )
     if stopped():
         raise StoppedError('interrupted; there is no forecast')
-    found = forecast_from(
+    return forecast_from(
         result,
         result.matrix.aspects.chosen(pickable, pickable_classes, 'pickable'),
         cell,
@@ -247,34 +244,6 @@ def forecast(
         max_picks=max_picks,
         minutes=minutes,
     )
-    if controller:
-        found = dataclasses.replace(found, controlled=forecast_controlled(found))
-    return found
-
-
-def _check_pickable(
-    part: Part, aspects: AspectSet, ids: tuple[int, ...], tray: Tray, controller: bool
-) -> None:
-    """Warn of classes that are pickable in part; InvalidValueError if it is for a controller."""
-    texts = divided_class_texts(aspects, ids)
-    if controller:
-        _check_controlled(tray, ids, whole=not texts)
-    for text in texts:
-        warn(f'{part.name}: {text}; pickable classes request whole classes')
-
-
-def _check_controlled(tray: Tray, ids: tuple[int, ...], *, whole: bool) -> None:
-    """Raise InvalidValueError if feeder_controller cannot run a feeder so."""
-    if not whole:
-        raise InvalidValueError(
-            f'invalid pickable aspects {list(ids)}: expected all aspects of a symmetry class, '
-            'which a camera cannot tell apart, for runs in which the controller decides'
-        )
-    if tray.gripper is not None:
-        raise InvalidValueError(
-            f'invalid gripper {tray.gripper.text}: expected none for runs in which the controller '
-            'decides, as feeder_controller only knows a clearance'
-        )
 
 
 def forecast_from(
@@ -393,8 +362,16 @@ def forecast_controlled(result: ForecastResult, minutes: float | None = None) ->
 
     named, found = result.named, result.named.forecast
     part, aspects = result.reorientation.part, result.reorientation.matrix.aspects
-    whole = len(named.rows) == len(aspects.classes())
-    _check_controlled(named.model.tray, result.pickable, whole=whole)
+    if len(named.rows) != len(aspects.classes()):
+        raise InvalidValueError(
+            f'invalid pickable aspects {list(result.pickable)}: expected all aspects of a '
+            'symmetry class, which a camera cannot tell apart'
+        )
+    if named.model.tray.gripper is not None:
+        raise InvalidValueError(
+            f'invalid gripper {named.model.tray.gripper.text}: expected none, as '
+            'feeder_controller only knows a clearance'
+        )
     seed = result.reorientation.run.seed
     model = controller_model(named.model, number=found.number, seed=seed)
     places = partial(OutlinePlaces, find_outlines(part, aspects), model.feeder.tray.size)

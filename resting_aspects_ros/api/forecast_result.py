@@ -14,7 +14,6 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import (
     NamedForecast,
     cell_text,
-    controlled_fields,
     curve_table,
     forecast_fields,
     forecast_figure,
@@ -40,8 +39,6 @@ from resting_aspects_ros.report.transitions import matrix_fields
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 
 # -- Look-alikes ----------------------------------------------------------------------------------
 
@@ -119,14 +116,11 @@ class ForecastResult(Result):
         Ids of the aspects in which the robot can pick the part.
     named : NamedForecast
         The model of the feeder, ``named.model``, and all numbers, ``named.forecast``.
-    controlled : ControlledRuns or None
-        What `forecast_controlled` returned, if it was requested.
     """
 
     reorientation: ReorientResult
     pickable: tuple[int, ...]
     named: NamedForecast
-    controlled: 'ControlledRuns | None' = None
 
     @property
     def parts_per_minute(self) -> float:
@@ -142,21 +136,6 @@ class ForecastResult(Result):
     def upper(self) -> float:
         """Upper bound of the parts per minute in the long run."""
         return self.named.forecast.upper
-
-    @property
-    def model_lower(self) -> float:
-        """Lower bound of the parts per minute if the assumptions of the model may be broken."""
-        return self.named.forecast.wide[0]
-
-    @property
-    def model_upper(self) -> float:
-        """Upper bound of the parts per minute if the assumptions of the model may be broken."""
-        return self.named.forecast.wide[1]
-
-    @property
-    def prediction(self) -> tuple[float, float]:
-        """Interval of the parts per minute of a run of the given duration."""
-        return self.named.forecast.prediction
 
     @property
     def best_number(self) -> int | None:
@@ -199,7 +178,6 @@ class ForecastResult(Result):
             **{name: base[name] for name in _SHARED},
             'pickable': list(self.pickable),
             **forecast_fields(self.named),
-            'controller': None if self.controlled is None else controlled_fields(self.controlled),
             'transitions': matrix_fields(found.matrix),
             'alternatives': [each.document() for each in alternatives],
         }

@@ -59,7 +59,10 @@ def test_document_has_the_numbers_of_the_result(tossed):
     document = json.loads(result.to_json([result]))
     assert document['parts_per_minute'] == result.parts_per_minute
     assert (document['lower'], document['upper']) == (result.lower, result.upper)
-    assert (document['prediction_lower'], document['prediction_upper']) == result.prediction
+    assert (
+        document['prediction_lower'],
+        document['prediction_upper'],
+    ) == result.named.forecast.prediction
     assert document['best_number'] == document['parts_on_tray'] == result.best_number
     assert sum(document['time_shares'].values()) == pytest.approx(1)
     robot = document['sensitivity']['robot']

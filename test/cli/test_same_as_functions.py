@@ -21,7 +21,7 @@ def without_time(document):
 
 
 FORECAST = (
-    'forecast l_bracket --pickable 1 --per-aspect 5 --drops 20 --controller '
+    'forecast l_bracket --pickable 1 --per-aspect 5 --drops 20 '
     '--robot 900ms --vibrate 1s --settle 0.4 --image 100ms --supply 50ms --overlap --place 0.3s '
     '--clearance 2mm --parts-on-tray 3 --max-picks 2 --minutes 0.1 --tray 0.1mx100mm'
 )
@@ -41,7 +41,6 @@ FORECAST_OF = {
     'clearance': 0.002,
     'parts_on_tray': 3,
     'max_picks': 2,
-    'controller': True,
     'minutes': 0.1,
 }
 WIPER = {'kind': 'wiper', 'height': '12.7mm'}
@@ -60,7 +59,7 @@ DOCUMENTS = {
         lambda: ra.reorient('t_prism', 'tap', 10, drops=50, precision=0.02),
     ),
     'retention': ('retention l_bracket --per-height 5', lambda: ra.retention('l_bracket', 5)),
-    'forecast with controller': (FORECAST, lambda: ra.forecast(**FORECAST_OF)),
+    'forecast': (FORECAST, lambda: ra.forecast(**FORECAST_OF)),
     'optimise': (
         'optimise l_bracket --vary height=20mm:200mm --wanted 1 --budget 2000',
         lambda: ra.optimise('l_bracket', {'height': '20mm:200mm'}, wanted=[1], budget=2000),

@@ -79,11 +79,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--actions, or a kind of action with the values below (flip)',
     )
     add_actions_file(parser)
-    parser.add_argument(
-        '--controller',
-        action='store_true',
-        help='also simulate runs in which feeder_controller decides, about 5 s for each forecast',
-    )
     add_integer(
         parser,
         '--per-aspect',
@@ -154,7 +149,6 @@ def _cell(arguments: argparse.Namespace) -> dict[str, Any]:
         'parts_on_tray': arguments.parts_on_tray,
         'max_picks': arguments.max_picks,
         'minutes': parse_quantity('--minutes', arguments.minutes, ''),
-        'controller': arguments.controller,
     }
 
 
@@ -202,7 +196,6 @@ def _show(results: 'Sequence[ForecastResult]') -> None:
     from resting_aspects_ros.cli.console import show_table, show_texts
     from resting_aspects_ros.report.forecast import (
         cell_text,
-        controlled_text,
         forecast_table,
         range_text,
     )
@@ -210,8 +203,6 @@ def _show(results: 'Sequence[ForecastResult]') -> None:
     names = [f'{result.named.title}: ' if len(results) > 1 else '' for result in results]
     for name, result in zip(names, results, strict=True):
         show_texts(f'{name}{result.sentence}', soft_wrap=True)
-        if result.controlled is not None:
-            show_texts(f'{name}{controlled_text(result.controlled)}', soft_wrap=True)
     show_texts(cell_text(results[0].named))
     print()
     show_table(forecast_table([result.named for result in results]))
