@@ -310,8 +310,6 @@ class Forecast:
         Parts per minute in the long run, with the interval that follows from the counts.
     prediction : (float, float)
         Interval of the parts per minute of a run of ``minutes``.
-    variance : float
-        Variance of the number of parts per minute of a run, 1/min.
     state : SteadyState
         By aspect or class, for the point estimate.
     coverage : float
@@ -335,7 +333,6 @@ class Forecast:
     upper: float
     prediction: tuple[float, float]
     minutes: float
-    variance: float
     state: SteadyState
     coverage: float
     time_shares: dict[str, float]
@@ -425,7 +422,6 @@ def forecast(
         upper=float(upper[here]),
         prediction=(float(low), float(high)),
         minutes=float(minutes),
-        variance=spread.variance,
         state=state,
         coverage=coverage(model.tray, model.footprints, state.mix, chosen),
         time_shares=time_shares(*cycle),

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.life_cycle import DONE, result_folder, show_result
 from resting_aspects_ros.cli.options import (
     add_out,
     add_output,
@@ -53,16 +53,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Find, show and export the outlines; returns the exit code. Raises RestingAspectsError."""
-    from resting_aspects_ros.api.outlines import check_sheet_name, outlines
+    from resting_aspects_ros.api.outlines import COCO, DOCUMENT, check_sheet_name, outlines
     from resting_aspects_ros.api.result import check_output
 
-    out, sheet = arguments.out, arguments.counting_sheet
-    scale = _px_per_mm(arguments)
+    sheet, scale = arguments.counting_sheet, _px_per_mm(arguments)
     if sheet is not None:
         check_sheet_name('--counting-sheet', sheet)
-        if sheet.parent != out:  # this folder is made later
-            check_output('--counting-sheet', sheet)
-    result = outlines(requested_part(arguments))
+    part = requested_part(arguments)
+    out = result_folder(arguments, part.name, (DOCUMENT, COCO))
+    check_output('--counting-sheet', sheet)
+    result = outlines(part)
     written = _write(result, out, scale, sheet)
     show_result(arguments, result.to_json, lambda: _show(result, written))
     return DONE
@@ -82,11 +82,6 @@ def _write(
     result: 'OutlinesResult', out: Path | None, scale: float, sheet: Path | None
 ) -> list[str]:
     """Write the requested files; returns lines that name them."""
-    from resting_aspects_ros.api.result import check_output
-
-    if out is not None:
-        result.check_output('--out', out, scale)
-    check_output('--counting-sheet', sheet)
     lines = []
     if out is not None:
         number = len(result.save(out, scale))
