@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.api.forecast_result import ForecastResult, divided_class_texts
+from resting_aspects_ros.api.forecast_result import ForecastResult
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient import ReorientResult, reorient
 from resting_aspects_ros.api.runner import Progress, never
 from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, warn
 from resting_aspects_ros.feeding.footprint import Footprint, Tray, check_fit, free_shares
@@ -23,6 +23,7 @@ from resting_aspects_ros.feeding.steady_state import CycleTimes
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import NamedForecast
+from resting_aspects_ros.report.format import ids_text
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.workers import Workers
@@ -73,17 +74,13 @@ def cycle_times(
     return dataclasses.replace(times, place=away)
 
 
-def footprints_of(
-    part: Part, aspects: AspectSet, rows: Sequence[tuple[Aspect, ...]]
-) -> tuple[Footprint, ...]:
-    """Return the rectangle, or the disc, around the outline of each row."""
+def footprints_of(part: Part, aspects: AspectSet) -> tuple[Footprint, ...]:
+    """Return the rectangle, or the disc, around the outline of each symmetry class."""
     # The import of shapely is only needed here.
     from resting_aspects_ros.vision.outline import find_outlines
 
-    outlines = find_outlines(part, aspects)
     found = []
-    for row in rows:
-        seen = outlines[row[0].symmetry_class - 1]
+    for seen in find_outlines(part, aspects):
         if seen.yaw_symmetry == 0:
             found.append(Footprint(0.0, 0.0, seen.length / 2))
         else:
@@ -93,7 +90,7 @@ def footprints_of(
 
 def check_tray(part: Part, aspects: AspectSet, tray: Tray, number: int | None) -> None:
     """Raise InvalidValueError if the part, or the number of parts, does not fit on the tray."""
-    footprints = footprints_of(part, aspects, aspects.classes())
+    footprints = footprints_of(part, aspects)
     check_fit(tray, footprints)
     if number is not None:
         check_number('number of parts on the tray', number)
@@ -135,7 +132,8 @@ def forecast(
         A part, or what `load_part` accepts; or the result of `reorient`, whose action and
         conditions then hold, and which is not simulated again.
     pickable : sequence of int, optional
-        Ids of the aspects in which the robot can pick the part.
+        Ids of the aspects in which the robot can pick the part. Aspects of a symmetry class look
+        the same: if one is pickable, all are.
     pickable_classes : sequence of int, optional
         Numbers of symmetry classes instead.
     robot : float
@@ -185,7 +183,7 @@ def forecast(
     Examples
     --------
     >>> import resting_aspects_ros as ra
-    >>> result = ra.forecast('tetrahedron', [1, 2], drops=50, per_aspect=20, seed=1)
+    >>> result = ra.forecast('tetrahedron', [1, 2, 3, 4], drops=50, per_aspect=20, seed=1)
     >>> result.limited_by
     'robot'
     """
@@ -219,8 +217,12 @@ def forecast(
         check_number('maximum number of picks', max_picks)
     check_tray(loaded, aspects, cell, parts_on_tray)
     ids = aspects.chosen(pickable, pickable_classes, 'pickable')
-    for text in divided_class_texts(aspects, ids):
-        warn(f'{loaded.name}: {text}; pickable classes request whole classes')
+    for members in aspects.classes():
+        if 0 < sum(aspect.id in ids for aspect in members) < len(members):
+            warn(
+                f'{loaded.name}: aspects {ids_text(members)} look the same, so all of them count '
+                'as pickable'
+            )
     if isinstance(part, ReorientResult):
         result = part
     else:
@@ -256,24 +258,23 @@ def forecast_from(
     max_picks: int | None = None,
     minutes: float = 60.0,
 ) -> ForecastResult:
-    """Forecast from simulated drops and actions; see `forecast`. ``pickable`` are ids.
+    """Forecast from simulated drops and actions; see `forecast`.
 
-    If whole symmetry classes are pickable, the forecast uses the counts by class.
+    ``pickable`` are ids of aspects. The forecast is by symmetry class: all aspects of a class are
+    pickable, or none.
     """
     aspects = result.matrix.aspects
     ids = set(aspects.chosen(pickable, None, 'pickable'))
-    classes = aspects.classes()
-    by_class = all(
-        ids.issuperset(members) or ids.isdisjoint(members)
-        for members in ({aspect.id for aspect in alike} for alike in classes)
+    classes, view = aspects.classes(), result.by_class()
+    mask = [any(aspect.id in ids for aspect in members) for members in classes]
+    ids.update(
+        a.id for members, wanted in zip(classes, mask, strict=True) if wanted for a in members
     )
-    rows = classes if by_class else [(aspect,) for aspect in aspects]
-    view = result.by_class() if by_class else result
     model = FeederModel(
         drop=view.drop.counts,
         transitions=view.matrix.counts,
-        pickable=np.array([row[0].id in ids for row in rows]),
-        footprints=footprints_of(result.part, aspects, rows),
+        pickable=np.array(mask),
+        footprints=footprints_of(result.part, aspects),
         tray=tray,
         times=times,
         max_picks=max_picks,
@@ -285,7 +286,7 @@ def forecast_from(
         confidence=result.matrix.confidence,
         seed=result.run.seed,
     )
-    named = NamedForecast(result.run.part, result.action.name, tuple(rows), model, found)
+    named = NamedForecast(result.run.part, result.action.name, tuple(classes), model, found)
     return ForecastResult(result, tuple(sorted(ids)), named)
 
 
@@ -345,14 +346,13 @@ def forecast_controlled(result: ForecastResult, minutes: float | None = None) ->
     Parameters
     ----------
     result : ForecastResult
-        By symmetry class: whole classes are pickable.
     minutes : float, optional
         Duration of a run, which begins with an empty tray; by default that of the forecast.
 
     Raises
     ------
     InvalidValueError
-        ``minutes`` is out of bounds, only a part of a class is pickable, or there is a gripper.
+        ``minutes`` is out of bounds, or there is a gripper.
     """
     # These imports are only needed here.
     from resting_aspects_ros.feeding.control import controller_model
@@ -362,11 +362,6 @@ def forecast_controlled(result: ForecastResult, minutes: float | None = None) ->
 
     named, found = result.named, result.named.forecast
     part, aspects = result.reorientation.part, result.reorientation.matrix.aspects
-    if len(named.rows) != len(aspects.classes()):
-        raise InvalidValueError(
-            f'invalid pickable aspects {list(result.pickable)}: expected all aspects of a '
-            'symmetry class, which a camera cannot tell apart'
-        )
     if named.model.tray.gripper is not None:
         raise InvalidValueError(
             f'invalid gripper {named.model.tray.gripper.text}: expected none, as '

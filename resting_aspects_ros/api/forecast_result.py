@@ -24,7 +24,7 @@ from resting_aspects_ros.report.forecast import (
     mix_table,
     range_text,
 )
-from resting_aspects_ros.report.format import ids_text, numbers_text
+from resting_aspects_ros.report.format import numbers_text
 from resting_aspects_ros.report.page import (
     Chart,
     Fold,
@@ -39,28 +39,6 @@ from resting_aspects_ros.report.transitions import matrix_fields
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-# -- Look-alikes ----------------------------------------------------------------------------------
-
-
-def divided_class_texts(aspects: AspectSet, pickable: Collection[int]) -> list[str]:
-    """Return a sentence for each symmetry class of which only some aspects are pickable.
-
-    Its aspects look the same and lie in the same way, so a robot cannot pick only some of them.
-    """
-    texts = []
-    for members in aspects.classes():
-        inside = tuple(aspect for aspect in members if aspect.id in pickable)
-        outside = tuple(aspect for aspect in members if aspect.id not in pickable)
-        if inside and outside:
-            many, other = ('s' if len(each) > 1 else '' for each in (inside, outside))
-            texts.append(
-                f'the aspects {ids_text(members)} of class {members[0].symmetry_class} look the '
-                f'same: a robot that picks aspect{many} {ids_text(inside)} also picks '
-                f'aspect{other} {ids_text(outside)}, which {"are" if other else "is"} not '
-                'requested as pickable'
-            )
-    return texts
 
 
 def look_alike_texts(part: Part, aspects: AspectSet, pickable: Collection[int]) -> list[str]:
@@ -83,9 +61,6 @@ def look_alike_texts(part: Part, aspects: AspectSet, pickable: Collection[int]) 
                 'distinguishes them in another way.'
             )
     return texts
-
-
-# -- Results --------------------------------------------------------------------------------------
 
 
 PAGE, FIGURE = 'forecast.html', 'forecast'
@@ -113,7 +88,7 @@ class ForecastResult(Result):
     reorientation : ReorientResult
         The drops and the action that the forecast follows from.
     pickable : tuple of int
-        Ids of the aspects in which the robot can pick the part.
+        Ids of the aspects in which the robot can pick the part, of whole symmetry classes.
     named : NamedForecast
         The model of the feeder, ``named.model``, and all numbers, ``named.forecast``.
     """

@@ -372,12 +372,6 @@ def response_fields(
         raise InvalidValueError('invalid pickable aspects: expected either aspects or classes')
     pickable = result.drop.aspects.chosen(ids or None, classes or None, 'pickable')
     if live is not None:
-        for members in result.drop.aspects.classes():
-            if 0 < len({each.id for each in members} & set(pickable)) < len(members):
-                raise InvalidValueError(
-                    f'invalid aspects {ids}: expected whole symmetry classes with use_counts, '
-                    'because parts are counted by class'
-                )
         result = with_live_counts(result, *live)
     times = cycle_times(
         result.action,

@@ -156,9 +156,7 @@ def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> Fed
     part = dataclasses.replace(part_from(message), warnings=())
     known = known_part(part, {1: 1.0})  # the shares are not used: they are those of the drops
     check_grasps(grasps, known.placements, ())
-    classes = known.aspects.classes()
-    footprints = footprints_of(known.part, known.aspects, classes)
-    return FedPart(known, footprints, grasps)
+    return FedPart(known, footprints_of(known.part, known.aspects), grasps)
 
 
 def drops_from(message: AspectDistribution) -> Simulated[Distribution]:
