@@ -12,15 +12,12 @@ import numpy as np
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.feeding.footprint import FreeShares, free_shares
-from resting_aspects_ros.feeding.forecast import FeederModel, SteadyStates, forecast
+from resting_aspects_ros.feeding.forecast import FeederModel, forecast
 from resting_aspects_ros.feeding.steady_state import (
     CycleTimes,
-    Moves,
-    moves_of,
     picks,
     place_values,
 )
-from resting_aspects_ros.statistics.markov import Mask
 
 # -- What the controller knows --------------------------------------------------------------------
 
@@ -84,16 +81,6 @@ class ControllerModel:
         return self.feeder.times
 
     @cached_property
-    def moves(self) -> Moves:
-        """Shares of the drops and of the flips."""
-        return moves_of(self.feeder.drop, self.feeder.transitions)
-
-    @cached_property
-    def trapped(self) -> Mask:
-        """Classes (k,) from which flips bring no part into a pickable one."""
-        return SteadyStates(self.feeder).trapped
-
-    @cached_property
     def values(self) -> PartValues:
         """Values of the parts with the best number of parts on the tray.
 
@@ -101,24 +88,24 @@ class ControllerModel:
         removes them. Otherwise the long-run rate would be 0, and nothing would have a value.
         """
         feeder = self._without_traps()
-        states = SteadyStates(feeder)
         number, times = self.best_number, self.times
-        state = states.at(self.table, number)
-        rate = float(states.rates(self.table)[number - 1]) / 60
+        state = feeder.state(self.table, number)
+        rate = float(feeder.rates(self.table)[number - 1]) / 60
         if not rate > 0:
             return PartValues(0.0, state.mix, np.zeros_like(state.mix), 0.0)
-        moves = moves_of(feeder.drop, feeder.transitions)
+        moves = feeder.moves
         supply = rate * times.supply
         h = place_values(moves, state, 1 - rate * times.robot - supply, -supply)
         place = float(moves.drop @ h) - supply
         return PartValues(rate, state.mix, moves.transitions @ h + moves.left * place, place)
 
     def _without_traps(self) -> FeederModel:
-        if not self.trapped.any():
+        trapped = self.feeder.trapped
+        if not trapped.any():
             return self.feeder
         counts = np.column_stack([self.feeder.transitions, np.zeros_like(self.feeder.drop)])
-        counts[self.trapped] = 0
-        counts[self.trapped, -1] = 1
+        counts[trapped] = 0
+        counts[trapped, -1] = 1
         return dataclasses.replace(self.feeder, transitions=counts)
 
 
@@ -270,7 +257,7 @@ def _next_image(
     some of the free ones. (The footprint of a gripper can be in the way of a part whose own place
     is free, so that a pick sometimes frees another part; this is neglected.)
     """
-    moves, kept = model.moves, view.free + view.blocked
+    moves, kept = model.feeder.moves, view.free + view.blocked
     new = supply[:, None] * moves.drop
     parts = (kept @ moves.transitions if action is Choice.FLIP else kept) + new
     later = model.table.between(parts.sum(axis=1))

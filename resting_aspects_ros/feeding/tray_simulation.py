@@ -17,7 +17,6 @@ from resting_aspects_ros.feeding.control import (
 from resting_aspects_ros.feeding.forecast import (
     DRAWS,
     RUNS,
-    SteadyStates,
     check_minutes,
     drawn_rates,
 )
@@ -46,7 +45,7 @@ class SimulatedTray:
     ) -> None:
         self._places, self._generator = places, generator
         self.classes: Counts = np.zeros(0, dtype=np.int64)
-        self.use(model.moves)
+        self.use(model.feeder.moves)
 
     def use(self, moves: Moves) -> None:
         """Take other shares of drops and flips of the same part from now on."""
@@ -176,7 +175,7 @@ class VirtualFeeder:
     def use(self, model: ControllerModel) -> None:
         """Take the true moves and the times from another model of the same part from now on."""
         self._model = model
-        self.tray.use(model.moves)
+        self.tray.use(model.feeder.moves)
 
     def take_image(self) -> None:
         """Let the time of an image and its evaluation pass."""
@@ -352,7 +351,7 @@ def _simulated(
 ) -> SimulatedRuns:
     """Simulate runs of at most ``minutes`` whose true moves are drawn from their posterior."""
     feeder, number = model.feeder, model.best_number
-    state = SteadyStates(feeder).at(model.table, number)
+    state = feeder.state(model.table, number)
     cycle = float(cycle_time(feeder.times, state.picks, state.supplied)) / 60
     length = min(minutes, CYCLES * cycle)
     drawn = drawn_moves(feeder.drop, feeder.transitions, DRAWS, generator)

@@ -313,8 +313,8 @@ class ModelUpdates:
         found = self._known.ignored
         if self._known.lacks_drops:
             found.append(self.state)
-        if self.current is not None and self.current.trapped.any():
-            classes = ', '.join(str(k + 1) for k in np.flatnonzero(self.current.trapped))
+        if self.current is not None and self.current.feeder.trapped.any():
+            classes = ', '.join(str(k + 1) for k in np.flatnonzero(self.current.feeder.trapped))
             found.append(f'a flip brings no part of class {classes} into a pickable class')
         return found
 
