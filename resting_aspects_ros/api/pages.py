@@ -196,7 +196,7 @@ def _surroundings_facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]
     conditions = result.run.conditions
     if conditions.surroundings is None:
         return {}
-    facts = list(_shape_facts(conditions.surroundings, conditions))
+    facts = list(_shape_facts(conditions.surroundings))
     shapes = simulated_shapes(result.part, conditions)
     if shapes is not None:
         facts += [('as simulated', text) for text in shapes.sentences()]
@@ -273,12 +273,10 @@ def _colour(aspects: AspectSet, contacts: tuple[int, ...]) -> Array:
     return np.asarray(0.65 * colour + 0.35)
 
 
-def _shape_facts(
-    surroundings: Surroundings, conditions: DropConditions
-) -> Iterator[tuple[str, str]]:
-    """Yield label and value: the kind, its dimensions, each body, and the release.
+def _shape_facts(surroundings: Surroundings) -> Iterator[tuple[str, str]]:
+    """Yield label and value: the kind, its dimensions, the release, and bodies with own values.
 
-    The friction and the other values of a body are those of the conditions unless it has its own.
+    All others have those of the conditions.
     """
     shape = surroundings.shape
     yield 'kind', shape.kind.replace('_', ' ')
@@ -286,21 +284,12 @@ def _shape_facts(
         yield quantity.label, value_text(getattr(shape, name), quantity.unit)
     for name, text in getattr(shape, 'texts', {}).items():
         yield name.replace('_', ' '), text
-    for body in shape.body_names:
-        own = surroundings.bodies.get(body, {})
-        values = {
-            key: own.get(key, 0.0 if key == 'speed' else getattr(conditions, key))
-            for key in BODY_VALUES
-        }
-        if not values['speed']:
-            del values['speed']
-        yield (
-            body.replace('_', ' '),
-            ', '.join(
-                f'{BODY_VALUES[key].label} {value_text(value, BODY_VALUES[key].unit)}'
-                for key, value in values.items()
-            ),
-        )
+    for body, own in surroundings.bodies.items():
+        values = [
+            f'{BODY_VALUES[key].label} {value_text(value, BODY_VALUES[key].unit)}'
+            for key, value in own.items()
+        ]
+        yield body.replace('_', ' '), ', '.join(values)
     for name, value in surroundings.release.items():
         yield RELEASE_VALUES[name].text, value_text(value, 'm')
     if surroundings.orientation is not None:

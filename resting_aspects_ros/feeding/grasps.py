@@ -121,12 +121,8 @@ def free_grasps(
     within the length of the longest outline of the part. If the clearance of a detection was
     measured and the gripper stays within it, the other outlines do not matter.
 
-    Parameters
-    ----------
-    detections : sequence of Detection
-        All of an image.
-    classes : sequence of int
-        Symmetry class of each; 0: not recognised, or another part.
+    ``detections`` are all of an image, and ``classes`` the symmetry class of each; 0: not
+    recognised, or another part.
     """
     longest = max(outline.length for outline in part.outlines)
     areas = np.array(
@@ -227,12 +223,8 @@ def check_grasps(
 ) -> None:
     """Raise InvalidValueError if grasps do not fit a part, or a pickable aspect lacks one.
 
-    Parameters
-    ----------
-    placements : sequence of Placement
-        One for each symmetry class.
-    pickable : sequence of int
-        Ids of aspects; one grasp is sufficient for those of a symmetry class.
+    There is a placement for each symmetry class. One grasp is sufficient for all aspects of a
+    class.
     """
     part, aspects = placements[0].part, placements[0].aspects
     for number, grasp in enumerate(grasps, 1):

@@ -108,19 +108,9 @@ def simulate(
 ) -> tuple[Array, float]:
     """Simulate a feeder that obeys a controller, beginning with an empty tray.
 
-    Returns when each pick was over, (picks,) s, and when the run was over, s.
-
-    The times are those of `steady_state.cycle_time`, with an image after each advice.
-
-    Parameters
-    ----------
-    controller : function of the seen parts
-    model : ControllerModel
-        Of the times; the controller and the tray may have other ones.
-    seconds : float
-        The run ends with the first image after this time.
-    tray : SimulatedTray
-        Without parts.
+    Returns when each pick was over, (picks,) s, and when the run was over, s: with the first image
+    after ``seconds``. The times are those of `steady_state.cycle_time` with the model, with an
+    image after each advice; the controller and the tray may have other models.
     """
     times = model.times
     clock = 0.0
@@ -148,19 +138,8 @@ REACH = 2e-3
 class VirtualFeeder:
     """A tray of parts, a robot and the clock of both.
 
-    Parameters
-    ----------
-    model : ControllerModel
-        The true shares of drops and flips, and the times.
-    places : OutlinePlaces
-    generator : Generator
-
-    Attributes
-    ----------
-    tray : SimulatedTray
-    seconds : float
-        Simulated time since the beginning, s.
-    picks, supplied : int
+    The model has the true shares of drops and flips, and the times. ``seconds`` is the simulated
+    time since the beginning, s.
     """
 
     def __init__(
@@ -254,22 +233,9 @@ def forecast_controller(
 ) -> ControlledRuns:
     """Forecast the parts per minute of a run of ``minutes``; takes 5 to 20 s.
 
-    Parameters
-    ----------
-    model : ControllerModel
-        Known to the controller, and the truth up to the uncertainty of its counts.
-    places : function
-        Returns the places of a run, for its random generator.
-    minutes : float
-    controller : function, optional
-        By default `advise` with the model.
-    confidence : float
-    seed : int
-
-    Raises
-    ------
-    InvalidValueError
-        If a value is invalid.
+    The model is what the controller knows, and the truth up to the uncertainty of its counts.
+    ``places`` returns the places of a run for its random generator. By default, `advise` decides.
+    Raises InvalidValueError.
     """
     check_confidence(confidence)
     check_minutes(minutes)
