@@ -187,8 +187,10 @@ class TrackResult(Result):
         rows = rows_text(found.wanted)
         low, high = found.good
         if high == 0:
-            arrives = any(row.probability for row in found.rows if row.id in found.wanted)
-            yield f'No part {"passes the traps" if arrives else "arrives"} in {rows}.'
+            if any(row.probability for row in found.rows if row.id in found.wanted):
+                yield f'No part in {rows} passes the traps.{self._blocked()}'
+            else:
+                yield f'No part arrives in {rows}.'
             return
         purity = found.purity
         yield (
@@ -210,6 +212,14 @@ class TrackResult(Result):
         elif low > 0:
             passes = range_text(1 / high, 1 / low, 'passes')
             yield f'A good part needs {passes} of the traps on average; {back}.'
+
+    def _blocked(self) -> str:
+        """Return which trap stops the first wanted row."""
+        k = next(k for k, row in enumerate(self.rows) if row.id in self.passage.wanted)
+        for number, of_trap in enumerate(self.passage.outcomes, 1):
+            if of_trap[k].outcome != 'pass':
+                return f' Trap {number}, {self.trap_names[number - 1]}: {of_trap[k].outcome}.'
+        return ''
 
     def _run_sentences(self) -> Iterator[str]:
         runs, found = self.runs, self.passage
