@@ -101,7 +101,7 @@ class AspectClassifier(Node):
         self._outputs = DistributionPublisher(self, self._parts, self._files)
         self._ranges = ModelRanges(self, self._parts, surfaces, self._worker)
         self._counter = DropCounter(
-            self, self._parts, self._known, self._outputs, self._logs, self._client, self._ranges
+            self, self._parts, self._known, self._outputs, self._client, self._ranges
         )
         DistributionService(
             self,
@@ -142,8 +142,8 @@ class AspectClassifier(Node):
 
     def _on_logs_read(self) -> None:
         """Publish known results and diagnostics, and log that the node is ready."""
-        for name, part_sha256 in self._parts.offered():
-            self._publish_known(name, part_sha256)
+        for part in self._parts.offered().values():
+            self._publish_known(part)
         publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, ASPECT_CLASSIFIER))
         self.get_logger().info('ready')
 
@@ -159,22 +159,22 @@ class AspectClassifier(Node):
         start_task(self, failure, self._parts.describe, name, data)
 
     def _on_part_read(self, part: Part) -> None:
-        for run in self._known.remove_inconsistent(part.part_sha256):
+        for run in self._known.remove_inconsistent():
             self.get_logger().warning(
                 f'ignored the log of run {run.run_id}: its aspects are not those of {part.name}'
             )
         self._outputs.topics.offer(part.name)  # before the first run, so that no message is missed
-        self._publish_known(part.name, part.part_sha256)
+        self._publish_known(part)
         self._counter.part_changed(part.part_sha256)
 
-    def _publish_known(self, name: str, part_sha256: str) -> None:
+    def _publish_known(self, part: Part) -> None:
         """Publish the results of earlier runs, unless newer ones are published, and outlines."""
         if not self._logs.ready:
             return
-        self._outlines.update(name, part_sha256)
-        if (known := self._known.newest(part_sha256)) is not None:
+        self._outlines.update(part)
+        if (known := self._known.newest(part.part_sha256)) is not None:
             start_task(self, 'an earlier distribution is not published', self._restore, known)
-        self._transitions.publish(name)
+        self._transitions.publish(part.name)
 
     async def _restore(self, known: Tally) -> None:
         await self._ranges.add(known)

@@ -59,7 +59,7 @@ class _Entry:
         the shares of the basins
     """
 
-    part_sha256: str
+    part: Part
     known: KnownPart | None = None
     problem: str = ''
     counted: Distribution | None = None
@@ -85,20 +85,18 @@ class OutlineStore:
         self._files = files
         self._parts = parts
         self._newest = newest
-        self._entries: dict[str, _Entry] = {}  # by name
-        self._waiting: dict[str, str] = {}  # part_sha256 by name
-        self._computing = False
+        self._entries: dict[str, _Entry] = {}  # by name, those to be computed last
+        self._waiting: list[_Entry] = []
         self._topics = PartTopics(node, PartOutlines, OUTLINES, LATCHED)
 
-    def update(self, name: str, part_sha256: str) -> None:
+    def update(self, part: Part) -> None:
         """Compute and publish the outlines of a version of a part, unless they are published."""
-        known = self._entries.get(name)
-        if known is not None and known.part_sha256 == part_sha256:
-            self._waiting.pop(name, None)  # an earlier version is offered again
+        known = self._entries.get(part.name)
+        if known is not None and known.part.part_sha256 == part.part_sha256:
             return
-        self._waiting[name] = part_sha256
-        if not self._computing:
-            self._computing = True
+        entry = self._entries[part.name] = _Entry(part)
+        self._waiting.append(entry)
+        if len(self._waiting) == 1:
             start_task(self._node, 'no outlines', self._compute_all)
 
     def known_part(self, part: Part) -> KnownPart:
@@ -107,7 +105,8 @@ class OutlineStore:
         Raises NotAvailableError while they are computed, and PartError if they cannot be.
         """
         entry = self._entries.get(part.name)
-        if entry is None or entry.part_sha256 != part.part_sha256:
+        is_current = entry is not None and entry.part.part_sha256 == part.part_sha256
+        if entry is None or not is_current or not (entry.known or entry.problem):
             raise NotAvailableError(
                 f'the outlines of {part.name} are being computed, try again soon'
             )
@@ -122,16 +121,15 @@ class OutlineStore:
 
     async def _compute_all(self) -> None:
         while self._waiting:
-            name = next(iter(self._waiting))
-            sha = self._waiting.pop(name)
-            compute = guarded_task(self._node, f'no outlines of {name}', self._compute)
-            await compute(name, sha)
-        self._computing = False
+            entry = self._waiting[0]
+            compute = guarded_task(self._node, f'no outlines of {entry.part.name}', self._compute)
+            await compute(entry)
+            self._waiting.pop(0)
 
-    async def _compute(self, name: str, part_sha256: str) -> None:
+    async def _compute(self, entry: _Entry) -> None:
         """Compute the outlines of a part, and publish them when they have been compared."""
-        part, aspects = self._parts.version(part_sha256)
-        entry = _Entry(part_sha256)
+        part, name = entry.part, entry.part.name
+        _, aspects = self._parts.version(part.part_sha256)
         outlines: tuple[Outline, ...] = ()
         try:
             outlines = await self._files.run(checked_outlines, part, aspects)
@@ -140,11 +138,8 @@ class OutlineStore:
         except RestingAspectsError as error:
             entry.problem = f'the outlines of {name} cannot be computed: {error}'
             self._node.get_logger().warning(entry.problem)
-        if self._is_outdated(part):
-            return
-        self._entries[name] = entry
         compared = await self._compared(name, outlines)
-        if not self._is_outdated(part):
+        if self._entries[name] is entry:  # otherwise the part has changed
             self._topics.publish(name, outlines_msg(part, outlines, compared))
 
     async def _compared(
@@ -165,11 +160,6 @@ class OutlineStore:
             self._node.get_logger().warning(f'the outlines of {name} are not compared: {error}')
             return {number: [] for number in found}
         return {k: sorted(each, key=lambda a: -a.overlap) for k, each in found.items()}
-
-    def _is_outdated(self, part: Part) -> bool:
-        """Return whether another version of a part has been offered since."""
-        offered = self._parts.get(part.name)
-        return offered is not None and offered.part_sha256 != part.part_sha256
 
 
 def class_shares(outlines: Sequence[Outline], by_aspect: npt.ArrayLike) -> Array:

@@ -63,8 +63,6 @@ from resting_aspects_ros.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import max_drops
 
-# Maximum number of known distributions that an error lists.
-MAX_LISTED = 5
 # Number of cached messages: creating a message takes as long as sending it, and the same one is
 # often requested again.
 MAX_MESSAGES = 100
@@ -123,14 +121,18 @@ class DistributionService:
         seed = request.seed[0] if request.seed else None
         parts = await self._parts.usable(request.part)
         sha = self._version(parts, request.part)
-        conditions = await self._conditions(request, sha)
+        conditions = await self._conditions(request)
         found = self._tallies.find(sha, conditions, drops, request.precision, seed)
         if found is None and request.only_known:
             if parts and not sha:
                 raise unknown_part(request.part, parts)
-            raise self._not_known(request, sha)
+            with_seed = '' if seed is None else f' with seed {seed}'
+            raise NotAvailableError(
+                f'no known distribution of {request.part} under these conditions{with_seed} has '
+                f'at least {request.drops} drops'
+            )
         if found is None:
-            await self._wait_for_simulator(request, sha)
+            await self._client.wait_until_ready()
             found = await self._extended(request, sha, conditions, drops)
         await self._ranges.add(found)
         return self._message(found)
@@ -195,21 +197,15 @@ class DistributionService:
             lambda: tally.distribution is not None and tally.end >= end, COUNT_TIMEOUT
         ):
             return tally
-        reason = tally and self._parts.why_not(tally.run.part_sha256)
+        reason = self._parts.problem(request.part)
         raise EngineError(reason or f'the drops of run {result.run_id} could not be counted')
 
-    async def _wait_for_simulator(self, request: GetDistribution.Request, sha: str) -> None:
-        try:
-            await self._client.wait_until_ready()
-        except NotAvailableError as error:
-            raise NotAvailableError(f'{error}{self._known_text(request, sha)}') from None
-
-    async def _conditions(self, request: GetDistribution.Request, sha: str) -> DropConditions:
+    async def _conditions(self, request: GetDistribution.Request) -> DropConditions:
         if request.surface or request.conditions:
             default = self._surfaces.get()  # not used
         else:
             if not self._default.is_received:
-                await self._wait_for_simulator(request, sha)
+                await self._client.wait_until_ready()
             default = await self._default.conditions()
         return await self._surroundings.conditions(self._surfaces, request, default)
 
@@ -219,30 +215,12 @@ class DistributionService:
             return parts[name].part_sha256
         if self._client.is_ready():
             return ''
-        return self._tallies.sha_of(name) or ''
+        return self._tallies.sha_of(name)
 
     def _message(self, tally: Tally) -> AspectDistribution:
         message = _message(tally.run, tally.counted, tally.complete, self._frame)
         message.header.stamp = self._node.get_clock().now().to_msg()
         return message
-
-    def _not_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
-        seed = request.seed[0] if request.seed else None
-        with_seed = '' if seed is None else f' with seed {seed}'
-        text = (
-            f'no known distribution of {request.part} under these conditions{with_seed} has at '
-            f'least {request.drops} drops'
-        )
-        return NotAvailableError(text + self._known_text(request, sha))
-
-    def _known_text(self, request: GetDistribution.Request, sha: str) -> str:
-        """Return the end of an error that lists the known distributions; empty without any."""
-        seed = request.seed[0] if request.seed else None
-        known = self._tallies.describe(request.part, sha, seed)
-        if not known:
-            return ''
-        more = ', ...' if len(known) > MAX_LISTED else ''
-        return f'; known distributions: {", ".join(known[:MAX_LISTED])}{more}'
 
 
 @lru_cache(MAX_MESSAGES)
