@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
@@ -26,8 +26,10 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     plane_patch,
     serialized_markers,
 )
+from resting_aspects_ros.ros.conversions import description_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CURRENT_POSES, LATCHED
+from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.surroundings import surroundings_names
 from resting_aspects_ros.statistics.distribution import no_drops
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
@@ -158,7 +160,10 @@ def markers_in(part, surfaces):
 
     def markers_in(name):
         conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
-        return serialized_markers(part('l_bracket'), conditions, None, 'cell')
+        given = {'seed': 1, 'drops': 1, 'run_id': 'a', 'started': 1}
+        job, run = plan_run(part('l_bracket'), conditions, **given)
+        description = serialize_message(description_msg(run, job.scene, 'cell'))
+        return serialized_markers(description, part('l_bracket').hull_radius)
 
     return markers_in
 

@@ -2,7 +2,6 @@
 
 import time
 import uuid
-from collections import OrderedDict
 from contextlib import aclosing
 from functools import partial
 from typing import Any
@@ -22,20 +21,13 @@ from resting_aspects_ros.api.plan import (
     plan_drops,
 )
 from resting_aspects_ros.api.reorient import ReorientResult
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
 from resting_aspects_ros.nodes.drop_simulator.goals import GoalServer
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import PartTopics, advertise
 from resting_aspects_ros.ros.conversions import MAX_POSES, poses_msgs
-from resting_aspects_ros.ros.diagnostics import (
-    RateCounter,
-    active_runs_text,
-    progress_text,
-    run_values,
-    truncated,
-)
+from resting_aspects_ros.ros.diagnostics import RateCounter, progress_text
 from resting_aspects_ros.ros.distribution_conversions import (
     BoundedLongRun,
     action_from,
@@ -72,29 +64,21 @@ PUBLISH_PERIOD = 0.5
 MAX_RUNS = 10_000
 
 
-class GoalDrops:
-    """The drops of an active goal: sends feedback and accumulates the result.
+class DropGoal:
+    """An active goal: counts its drops in the result, and sends feedback.
 
     requested : the drops that the goal requests
-    result : current counts
-    rate : drops per second, from the start to the most recent chunk
     """
 
     def __init__(self, handle: ServerGoalHandle, requested: RunDescription) -> None:
+        self.handle = handle
         self.requested = requested
         self.result = DropPart.Result(run_id=requested.run_id)
-        self.rate = 0.0
-        self._handle = handle
         self._start = time.monotonic()
 
     def canceled(self) -> bool:
         """Return whether the goal was canceled."""
-        return bool(self._handle.is_cancel_requested)
-
-    @property
-    def end(self) -> int:
-        """Index after the last drop that was made."""
-        return self.requested.first_drop + int(self.result.drops)
+        return bool(self.handle.is_cancel_requested)
 
     def add(self, chunk: RestingPoses) -> None:
         """Count the drops of a chunk and send feedback."""
@@ -103,11 +87,15 @@ class GoalDrops:
         for name in ('settled', 'unsettled', 'failed', 'lost', 'sliding'):
             number = int((chunk.status == RestStatus[name.upper()]).sum())
             setattr(result, name, getattr(result, name) + number)
-        seconds = time.monotonic() - self._start
-        self.rate = result.drops / seconds if seconds > 0 else 0.0
         feedback = DropPart.Feedback(done=result.drops, total=self.requested.drops)
-        feedback.drops_per_second = self.rate
-        self._handle.publish_feedback(feedback)
+        seconds = time.monotonic() - self._start
+        feedback.drops_per_second = result.drops / seconds if seconds > 0 else 0.0
+        self.handle.publish_feedback(feedback)
+
+    @property
+    def progress(self) -> str:
+        """The drops made and requested, as text."""
+        return progress_text(self.requested, int(self.result.drops))
 
 
 class DropServer(GoalServer):
@@ -122,33 +110,9 @@ class DropServer(GoalServer):
 
     def __init__(self, node: Node, *shared: Any) -> None:
         super().__init__(DropPart, DROP_PART, node, *shared)
-        self._aspects = AspectSet('', ())  # of the part that stopped at a precision last
-        self._active: list[GoalDrops] = []
-        self._runs: OrderedDict[str, RunDescription] = OrderedDict()  # by run id
+        self._runs: dict[str, RunDescription] = {}  # by run id
         self._publisher = advertise(node, RestingPosesMsg, RESTING_POSES, POSES)
         self.drops = RateCounter()
-
-    @property
-    def state(self) -> str:
-        """The progress of the active goals; empty if there are none."""
-        return active_runs_text(self._progress())
-
-    def values(self) -> dict[str, object]:
-        """Return values for the diagnostics."""
-        # Drops come in chunks: for a slow part, there is no chunk in most seconds.
-        rates = {
-            f'drops per second of run {k}': f'{drops.rate:.1f}'
-            for k, drops in enumerate(self._active, 1)
-        }
-        return {
-            'drops made': self.drops.total,
-            'drops per second': self.drops.rate(),
-            **run_values(self._progress()),
-            **truncated(rates),
-        }
-
-    def _progress(self) -> list[tuple[RunDescription, int]]:
-        return [(drops.requested, int(drops.result.drops)) for drops in self._active]
 
     async def _answer(self, handle: ServerGoalHandle) -> tuple[DropPart.Result, Exception | None]:
         goal = handle.request
@@ -158,17 +122,12 @@ class DropServer(GoalServer):
             raise CanceledError('canceled before the first drop')
         job, requested = await self._plan(goal, part)
         run = self._published(requested) if goal.run_id else requested
-        self._check_number(self._active)
-        drops = GoalDrops(handle, requested)
-        self._active.append(drops)
-        error: Exception | None = None
+        active = DropGoal(handle, requested)
         try:
-            await self._make(drops, part, job, run)
-        except (CanceledError, EngineError) as raised:  # the drops made before are kept
-            error = raised
-        finally:
-            self._active.remove(drops)
-        return drops.result, error
+            await self._make(active, part, job, run)
+        except (CanceledError, EngineError) as error:  # the drops made before are kept
+            return active.result, error
+        return active.result, None
 
     async def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
         conditions = await self._conditions(goal)
@@ -211,31 +170,33 @@ class DropServer(GoalServer):
     def _begin(self, run: RunDescription, job: DropJob) -> None:
         self._runs[run.run_id] = run
         while len(self._runs) > MAX_RUNS:
-            self._runs.popitem(last=False)
+            self._runs.pop(next(iter(self._runs)))
         self._publish_surroundings(run, job.scene)
 
-    async def _make(self, drops: GoalDrops, part: Part, job: DropJob, run: RunDescription) -> None:
+    async def _make(self, goal: DropGoal, part: Part, job: DropJob, run: RunDescription) -> None:
         """Make and publish the drops of a goal; raises CanceledError and EngineError.
 
         The last message ends the run, unless its drops are published again. It is not empty: the
         newest chunk waits until another one follows, because some readers of logs cannot read a
         message with empty columns.
         """
-        requested = drops.requested
+        requested = goal.requested
         is_new = run is requested
         if is_new:
             self._begin(run, job)
         total = None
         if requested.precision:
-            total = no_drops(aspects_in(job.scene, await self._find_aspects(part)))
+            aspects = await self._files.run(find_aspects, part)
+            total = no_drops(aspects_in(job.scene, aspects))
         waiting: list[RestingPoses] = []
         since = 0.0
         try:
-            chunks = self._chunks(job, requested, drops.canceled)
+            chunks = self._chunks(job, requested, goal.canceled)
             async with aclosing(chunks):
                 async for chunk in chunks:
                     self.drops.add(len(chunk))
-                    drops.add(chunk)
+                    goal.add(chunk)
+                    self._progress[id(goal.handle)] = f'{run.part}: {goal.progress}'
                     since = since if waiting else time.monotonic()
                     waiting.append(chunk)
                     if total is not None:
@@ -253,16 +214,9 @@ class DropServer(GoalServer):
             if waiting:
                 self._publish(RestingPoses.join(waiting), run, last=is_new)
             else:
-                drops.result.run_id = ''  # there is no run
-        if drops.end < requested.end:
-            progress = progress_text(requested, int(drops.result.drops))
-            raise CanceledError(f'canceled after {progress}; these are kept')
-
-    async def _find_aspects(self, part: Part) -> AspectSet:
-        """Return the aspects of a part; cached, since a large mesh takes seconds."""
-        if self._aspects.part_sha256 != part.part_sha256:
-            self._aspects = await self._files.run(find_aspects, part)
-        return self._aspects
+                goal.result.run_id = ''  # there is no run
+        if goal.result.drops < requested.drops:
+            raise CanceledError(f'canceled after {goal.progress}; these are kept')
 
     def _publish(self, poses: RestingPoses, run: RunDescription, *, last: bool) -> None:
         stamp = self._node.get_clock().now().to_msg()
@@ -339,14 +293,14 @@ class ReorientGoal:
     """An active goal, which sends feedback of its progress."""
 
     def __init__(self, handle: ServerGoalHandle) -> None:
+        self.handle = handle
         self.request: ReorientPart.Goal = handle.request
         self.feedback = ReorientPart.Feedback()
-        self._handle = handle
         self._start: float | None = None
 
     def canceled(self) -> bool:
         """Return whether the goal was canceled."""
-        return bool(self._handle.is_cancel_requested)
+        return bool(self.handle.is_cancel_requested)
 
     def check(self) -> None:
         """Raise CanceledError if the goal was canceled; describes the actions made."""
@@ -361,7 +315,7 @@ class ReorientGoal:
     def add_drops(self, drops: int) -> None:
         """Count drops, and send feedback."""
         self.feedback.drops += drops
-        self._handle.publish_feedback(self.feedback)
+        self.handle.publish_feedback(self.feedback)
 
     def add_actions(self, actions: int) -> None:
         """Count actions, and send feedback."""
@@ -370,7 +324,7 @@ class ReorientGoal:
         self.feedback.done += actions
         if now > self._start:
             self.feedback.actions_per_second = self.feedback.done / (now - self._start)
-        self._handle.publish_feedback(self.feedback)
+        self.handle.publish_feedback(self.feedback)
 
     def __str__(self) -> str:
         name = self.request.action.name or self.request.action.kind
@@ -385,41 +339,19 @@ class ReorientServer(GoalServer):
     Parameters
     ----------
     node, shared : as for GoalServer
+
+    actions : counter of all actions made
     """
 
     def __init__(self, node: Node, *shared: Any) -> None:
         super().__init__(ReorientPart, REORIENT_PART, node, *shared)
-        self._goals: list[ReorientGoal] = []
         self._topics = PartTopics(node, TransitionMatrix, TRANSITIONS, LATCHED)
-        self._actions = RateCounter()
-
-    @property
-    def state(self) -> str:
-        """The progress of the first active goal; empty if there is none."""
-        return str(self._goals[0]) if self._goals else ''
-
-    def values(self) -> dict[str, object]:
-        """Return values for the diagnostics."""
-        goals = {f'reorientation {k}': str(goal) for k, goal in enumerate(self._goals, 1)}
-        return {
-            'actions made': self._actions.total,
-            'actions per second': self._actions.rate(),
-            'active reorientations': len(self._goals),
-            **truncated(goals),
-        }
+        self.actions = RateCounter()
 
     async def _answer(
         self, handle: ServerGoalHandle
     ) -> tuple[ReorientPart.Result, Exception | None]:
-        self._check_number(self._goals)
         goal = ReorientGoal(handle)
-        self._goals.append(goal)
-        try:
-            return await self._make(goal)
-        finally:
-            self._goals.remove(goal)
-
-    async def _make(self, goal: ReorientGoal) -> tuple[ReorientPart.Result, Exception | None]:
         part = await self._parts.get(goal.request.part)
         action = requested_action(goal.request.action)
         conditions = await self._conditions(goal.request)
@@ -470,8 +402,9 @@ class ReorientServer(GoalServer):
             async with aclosing(chunks):
                 async for chunk in chunks:
                     tally.add(chunk, aspect_ids(tally.aspects, chunk))
-                    self._actions.add(len(chunk))
+                    self.actions.add(len(chunk))
                     goal.add_actions(len(chunk))
+                    self._progress[id(goal.handle)] = str(goal)
                     if tally.complete:
                         return
                     if time.monotonic() - published >= MATRIX_PERIOD:

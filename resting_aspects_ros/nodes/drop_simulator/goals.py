@@ -1,7 +1,6 @@
 """What the actions of the simulator share: the offered parts, workers, goals, surroundings."""
 
-import time
-from collections.abc import AsyncGenerator, Awaitable, Callable, Sized
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from concurrent.futures import Future as PoolFuture
 from contextlib import closing
 from pathlib import Path
@@ -19,8 +18,8 @@ from resting_aspects_ros.part.library import PartLibrary, Stamp
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import (
     PartTopics,
-    guarded_task,
     ros_future,
+    start_task,
     steady_timer,
     wait_for,
 )
@@ -44,11 +43,6 @@ from resting_aspects_ros.statistics.poses import RestingPoses
 
 # Interval of scans for new, changed and removed parts, s.
 SCAN_PERIOD = 2.0
-# Maximum time that a request waits until changed files are read, s. After it, the request uses the
-# part as it was offered before.
-READ_TIMEOUT = 2.0
-# Time after which the node is ready although slow files of the folder are still to be read, s.
-READY_TIMEOUT = 60.0
 
 
 def scan(folder: Path) -> tuple[dict[str, Stamp], dict[str, str], list[str]]:
@@ -82,61 +76,46 @@ class PartPublisher:
         self._files = files
         self._stamps: dict[str, Stamp] = {}  # of the files that were read last
         self._parts: dict[str, Part] = {}
-        self._topics = PartTopics(node, PartDescription, PARTS, LATCHED)
         self._failed: dict[str, RestingAspectsError] = {}
+        self._topics = PartTopics(node, PartDescription, PARTS, LATCHED)
         self._logged: set[str] = set()
-        self._scan: Future | None = None  # done when the active scan ends
+        self._scanning = False
         self.not_offered: dict[str, str] = {}
         self.ready = Future()
-        self._guarded_scan = guarded_task(node, 'scan of parts_folder failed', self._scan_folder)
         self._timer = steady_timer(node, 0.0, self._start_scan)
 
     def __len__(self) -> int:
         return len(self._parts)
 
     async def get(self, name: str) -> Part:
-        """Return a part by name, as its files are now.
+        """Return an offered part by name.
 
-        Raises NotAvailableError while its files are being read, or the error of the part.
+        Raises NotAvailableError before the folder has been read, or the error of the part.
         """
         if not self.ready.done():
             raise NotAvailableError('the files of parts_folder are still being read, try again')
-        end = time.monotonic() + READ_TIMEOUT
-        # An active scan may have passed a file that was changed after that.
-        for _ in range(1 if self._scan is None else 2):
-            self._start_scan()
-            assert self._scan is not None
-            done = await wait_for(self._node, self._scan, end - time.monotonic())
-        if name in self._parts:
-            return self._parts[name]
         if name in self._failed:
             raise type(self._failed[name])(str(self._failed[name]))
-        if not done:
-            raise NotAvailableError(
-                f'part {name!r} is not available: files of parts_folder are still being read'
-            )
-        part: Part = await self._files.run(load, self._folder, name)  # the error lists known parts
-        return part
+        if name not in self._parts:  # a new file, or an error that lists the known parts
+            self._offer(await self._files.run(load, self._folder, name))
+        return self._parts[name]
 
     def _start_scan(self) -> None:
         self._node.destroy_timer(self._timer)
         self._timer = steady_timer(self._node, SCAN_PERIOD, self._start_scan)
-        if self._scan is None:
-            assert self._node.executor is not None  # this is called by it
-            self._scan = Future(executor=self._node.executor)
-            self._node.executor.create_task(self._run_scan, self._scan)
-
-    async def _run_scan(self, finished: Future) -> None:
-        await self._guarded_scan()
-        self._scan = None
-        finished.set_result(None)
-        self._set_ready()
-
-    def _set_ready(self) -> None:
-        if not self.ready.done():
-            self.ready.set_result(None)
+        if not self._scanning:
+            self._scanning = True
+            start_task(self._node, 'scan of parts_folder failed', self._scan_folder)
 
     async def _scan_folder(self) -> None:
+        try:
+            await self._update()
+        finally:
+            self._scanning = False
+            if not self.ready.done():
+                self.ready.set_result(None)
+
+    async def _update(self) -> None:
         try:
             stamps, not_registered, problems = await self._files.run(scan, self._folder)
         except RestingAspectsError as error:
@@ -146,10 +125,7 @@ class PartPublisher:
             self._warn_once(problem)
         for name in set(self._stamps) - set(stamps):
             self._remove(name)
-        start = time.monotonic()
         for name, stamp in stamps.items():
-            if time.monotonic() - start > READY_TIMEOUT:
-                self._set_ready()
             if self._stamps.get(name) != stamp:
                 await self._read(name, stamp)
         failed = {name: str(error) for name, error in self._failed.items()}
@@ -234,6 +210,7 @@ class GoalServer:
         self._conditions = conditions
         self._surroundings = surroundings
         self._frame = frame
+        self._progress: dict[int, str] = {}  # of the active goals, by the id of the handle
         self._server = ActionServer(
             node,
             kind,
@@ -245,6 +222,18 @@ class GoalServer:
             **ACTION_SERVICES,
         )
 
+    @property
+    def active(self) -> int:
+        """Number of active goals."""
+        return len(self._progress)
+
+    @property
+    def state(self) -> str:
+        """The progress of the first active goal and the number of others, as text."""
+        running = [text for text in self._progress.values() if text]
+        more = f', and {len(running) - 1} more' if running[1:] else ''
+        return f'{running[0]}{more}' if running else ''
+
     def destroy(self) -> None:
         """Destroy the action server."""
         self._server.destroy()
@@ -253,6 +242,9 @@ class GoalServer:
         """Return the result of a goal with its status, and set the state of the goal."""
         result = self._kind.Result()
         try:
+            if len(self._progress) >= MAX_GOALS:
+                raise BusyError(f'{MAX_GOALS} {self._name} goals are active, try again later')
+            self._progress[id(handle)] = ''
             result, error = await self._answer(handle)
             if error is not None:
                 raise error
@@ -269,6 +261,8 @@ class GoalServer:
             self._node.get_logger().error(f'{self._name} failed: {error!r}')
             result.status = Status(code=Status.FAILED, message=f'unexpected error {error!r}')
             handle.abort()
+        finally:
+            self._progress.pop(id(handle), None)
         return result
 
     async def _answer(self, handle: ServerGoalHandle) -> tuple[Any, Exception | None]:
@@ -298,8 +292,3 @@ class GoalServer:
         """Publish the surroundings of a new run; nothing for the infinite level plane."""
         if not scene.level:
             self._surroundings.publish(run.part, description_msg(run, scene, self._frame))
-
-    def _check_number(self, active: Sized) -> None:
-        """Raise BusyError if as many goals are active as the action allows."""
-        if len(active) >= MAX_GOALS:
-            raise BusyError(f'{MAX_GOALS} {self._name} goals are active, try again later')

@@ -99,8 +99,12 @@ class DropSimulator(Node):
             'workers': self._workers.count,
             'workers that died': self._workers.replaced,
             'parts offered': len(self._parts),
-            **self._drops.values(),
-            **self._reorient.values(),
+            'drops made': self._drops.drops.total,
+            'drops per second': self._drops.drops.rate(),
+            'active runs': self._drops.active,
+            'actions made': self._reorient.actions.total,
+            'actions per second': self._reorient.actions.rate(),
+            'active reorientations': self._reorient.active,
             **truncated({f'not offered: {name}': why for name, why in not_offered.items()}),
         }
         warning = count_text(len(not_offered), 'mesh is not offered', 'meshes are not offered')
