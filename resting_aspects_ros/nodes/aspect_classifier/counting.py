@@ -59,8 +59,8 @@ class Tally:
         The drops that have arrived.
     waiting : list of RestingPoses
         Those that are not counted yet.
-    runs : set of str
-        Ids of the runs that have contributed drops.
+    runs : dict
+        Ids of the runs of which messages have arrived, and whether they have contributed drops.
     ended : bool
         Whether the run that was the last to begin has ended.
     heard : float
@@ -73,7 +73,7 @@ class Tally:
     distribution: Distribution | None = None
     seen: IndexRanges = field(default_factory=IndexRanges)
     waiting: list[RestingPoses] = field(default_factory=list)
-    runs: set[str] = field(default_factory=set)
+    runs: dict[str, bool] = field(default_factory=dict)
     ended: bool = False
     heard: float = 0.0
     awaits_range: bool = False
@@ -86,7 +86,7 @@ class Tally:
     @classmethod
     def logged(cls, run: RunDescription, distribution: Distribution) -> 'Tally':
         """Return the tally of a distribution in a log."""
-        tally = cls(run, distribution, runs={run.run_id}, ended=True)
+        tally = cls(run, distribution, runs={run.run_id: True}, ended=True)
         tally.seen.add(tally.first, tally.end)
         return tally
 
@@ -130,7 +130,7 @@ class Tally:
         """Add a message with drops of a run; return the number of new ones."""
         self.heard = time.monotonic()
         new = self.seen.add(poses.first_drop, poses.end) if len(poses) else []
-        if run.run_id not in self.runs and (new or not self.runs):
+        if not self.runs.setdefault(run.run_id, False) and (new or len(self.runs) == 1):
             self._join(run)
         self.waiting += [poses.between(*each) for each in new]
         if last and run.run_id == self._current:
@@ -154,7 +154,7 @@ class Tally:
     def _join(self, run: RunDescription) -> None:
         """Take drops of a further run."""
         self._current, self.ended = run.run_id, False
-        if self.runs:
+        if any(self.runs.values()):
             newest = max(run, self.run, key=lambda each: (each.started, each.run_id))
             self.run = dataclasses.replace(
                 newest,
@@ -162,7 +162,7 @@ class Tally:
                 drops=min(max(run.end, self.run.end) - self.first, MAX_DROPS),
                 precision=run.precision or self.run.precision,
             )
-        self.runs.add(run.run_id)
+        self.runs[run.run_id] = True
 
     def count(self, part: Part, aspects: AspectSet) -> None:
         """Count the drops that continue those counted before, of a part with these aspects."""

@@ -238,19 +238,11 @@ def answer_pose(
 ) -> None:
     """Fill in the response; unknown values stay NaN.
 
-    Parameters
-    ----------
-    aspects : AspectSet
-        Aspects of the requested part.
-    newest : Distribution, optional
-        Distribution that provides the probability.
+    Raises InvalidValueError if the orientation is not a unit quaternion, and NotAvailableError if
+    no aspect matches; the response then contains the angle to the nearest one.
 
-    Raises
-    ------
-    InvalidValueError
-        The orientation is not a unit quaternion.
-    NotAvailableError
-        No aspect matches; the response contains the angle to the nearest aspect.
+    aspects : of the requested part
+    newest : distribution that provides the probability
     """
     quaternion = request.orientation
     orientation = unit_orientation([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
@@ -317,24 +309,19 @@ class ForecastService:
     async def _answer(self, request: FeederForecast.Request) -> dict[str, Any]:
         """Return the fields of the response; raises RestingAspectsError."""
         matrix = await self._transitions.newest(request.part, request.action)
-        part_sha256 = matrix.run.part_sha256
-        if self._parts.aspects(part_sha256) is None:
+        if self._parts.aspects(matrix.run.part_sha256) is None:
             raise NotAvailableError(
                 f'the version of {request.part} whose transitions are known is not offered'
             )
-        part, _ = self._parts.version(part_sha256)
-        live = self._live(request, part_sha256, matrix) if request.use_counts else None
+        part, _ = self._parts.version(matrix.run.part_sha256)
+        live: Live | None = None
+        if request.use_counts:
+            counted = self._monitor.counts(part)
+            if counted is None:
+                raise NotAvailableError(f'no counts of {request.part} have arrived')
+            live = counted[0], counted[1].get(matrix.action.name)
         found = await self._worker.run(response_fields, request, part, matrix, live)
         return {**found, 'counted_parts': live[0].parts if live else 0}
-
-    def _live(
-        self, request: FeederForecast.Request, part_sha256: str, matrix: TransitionMatrix
-    ) -> Live:
-        """Return the parts counted on the machine; raises NotAvailableError without any."""
-        found = self._monitor.counts(request.part, part_sha256)
-        if found is None:
-            raise NotAvailableError(f'no counts of {request.part} have arrived')
-        return found[0], found[1].get(matrix.action.name)
 
 
 def response_fields(

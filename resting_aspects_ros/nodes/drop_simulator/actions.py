@@ -2,14 +2,18 @@
 
 import time
 import uuid
-from contextlib import aclosing
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from concurrent.futures import Future as PoolFuture
+from contextlib import aclosing, closing
 from functools import partial
 from typing import Any
 
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from resting_aspects_interfaces.action import DropPart, ReorientPart
-from resting_aspects_interfaces.msg import FeederAction, TransitionMatrix
+from resting_aspects_interfaces.msg import FeederAction, Status, TransitionMatrix
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 
 from resting_aspects_ros.api.conditions import aspects_in, shipped_actions
@@ -22,19 +26,19 @@ from resting_aspects_ros.api.plan import (
 )
 from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
-from resting_aspects_ros.nodes.drop_simulator.goals import GoalServer
+from resting_aspects_ros.errors import EngineError, InvalidValueError, RestingAspectsError, shown
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import PartTopics, advertise
-from resting_aspects_ros.ros.conversions import MAX_POSES, poses_msgs
+from resting_aspects_ros.ros.callbacks import PartTopics, advertise, ros_future, wait_for
+from resting_aspects_ros.ros.conversions import MAX_POSES, description_msg, poses_msgs
 from resting_aspects_ros.ros.diagnostics import RateCounter, progress_text
 from resting_aspects_ros.ros.distribution_conversions import (
     BoundedLongRun,
     action_from,
     transitions_msg,
 )
-from resting_aspects_ros.ros.file_worker import FileLimitError
+from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.ros.interface import (
+    ACTION_SERVICES,
     DROP_PART,
     LATCHED,
     POSES,
@@ -42,10 +46,17 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     TRANSITIONS,
 )
-from resting_aspects_ros.ros.requests import CanceledError, NotAvailableError
+from resting_aspects_ros.ros.requests import (
+    BusyError,
+    CanceledError,
+    NotAvailableError,
+    error_status,
+)
 from resting_aspects_ros.simulation.actions import KINDS, NamedAction
 from resting_aspects_ros.simulation.conditions import MAX_DROPS, DropConditions
 from resting_aspects_ros.simulation.job import DropJob, RunDescription, check_run_id, plan_run
+from resting_aspects_ros.simulation.scene import Scene
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_chunks
 from resting_aspects_ros.statistics.distribution import (
     Distribution,
     aspect_ids,
@@ -54,6 +65,134 @@ from resting_aspects_ros.statistics.distribution import (
 )
 from resting_aspects_ros.statistics.intervals import max_drops
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
+
+# -- goals ----------------------------------------------------------------------------------------
+
+
+# Maximum number of concurrent goals of an action; all goals share the workers chunk by chunk.
+MAX_GOALS = 16
+# Time for which a result is kept for a client that requests it late, s.
+RESULT_TIMEOUT = 300
+# Interval at which a goal that waits checks whether it was canceled, s.
+CANCEL_PERIOD = 0.5
+
+
+class GoalServer:
+    """Serves an action; goals of all actions share the workers chunk by chunk.
+
+    Parameters
+    ----------
+    kind, name : type and name of the action
+    part : returns an offered part by its name
+    files : computes what could block the node, such as the aspects of a large mesh
+    conditions : returns the conditions that a goal requests
+    surroundings : topics of the surroundings of new runs
+    frame : frame of the published poses
+    """
+
+    def __init__(
+        self,
+        kind: Any,
+        name: str,
+        node: Node,
+        part: Callable[[str], Awaitable[Part]],
+        workers: LocalWorkers,
+        files: FileWorker,
+        conditions: Callable[[Any], Awaitable[DropConditions]],
+        surroundings: PartTopics,
+        frame: str,
+    ) -> None:
+        self._kind, self._name = kind, name
+        self._node = node
+        self._part = part
+        self._workers = workers
+        self._files = files
+        self._conditions = conditions
+        self._surroundings = surroundings
+        self._frame = frame
+        self._progress: dict[int, str] = {}  # of the active goals, by the id of the handle
+        self._server = ActionServer(
+            node,
+            kind,
+            name,
+            self._execute,
+            # By default, rclpy rejects every cancel request.
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            result_timeout=RESULT_TIMEOUT,
+            **ACTION_SERVICES,
+        )
+
+    @property
+    def active(self) -> int:
+        """Number of active goals."""
+        return len(self._progress)
+
+    @property
+    def state(self) -> str:
+        """The progress of the first active goal and the number of others, as text."""
+        running = [text for text in self._progress.values() if text]
+        more = f', and {len(running) - 1} more' if running[1:] else ''
+        return f'{running[0]}{more}' if running else ''
+
+    def destroy(self) -> None:
+        """Destroy the action server."""
+        self._server.destroy()
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        """Return the result of a goal with its status, and set the state of the goal."""
+        result = self._kind.Result()
+        try:
+            if len(self._progress) >= MAX_GOALS:
+                raise BusyError(f'{MAX_GOALS} {self._name} goals are active, try again later')
+            self._progress[id(handle)] = ''
+            result, error = await self._answer(handle)
+            if error is not None:
+                raise error
+            handle.succeed()
+        except CanceledError as error:
+            result.status = error_status(error)
+            handle.canceled()
+        except RestingAspectsError as error:
+            result.status = error_status(error)
+            handle.abort()
+        except InvalidHandle:  # the result cannot be sent
+            result.status = Status(code=Status.FAILED, message='the node has stopped')
+        except Exception as error:  # noqa: BLE001 - a defect must not look like an answer
+            self._node.get_logger().error(f'{self._name} failed: {error!r}')
+            result.status = Status(code=Status.FAILED, message=f'unexpected error {error!r}')
+            handle.abort()
+        finally:
+            self._progress.pop(id(handle), None)
+        return result
+
+    async def _answer(self, handle: ServerGoalHandle) -> tuple[Any, Exception | None]:
+        """Return the result of a goal, and the error that ended it early, if any."""
+        raise NotImplementedError
+
+    async def _chunks(
+        self, job: DropJob, requested: RunDescription, stopped: Callable[[], bool]
+    ) -> AsyncGenerator[RestingPoses, None]:
+        """Yield chunks of drops in order; raises EngineError if the workers fail or die.
+
+        Ends early if ``stopped`` returns True, also while a chunk is simulated.
+        """
+        warn = self._node.get_logger().warning
+        with closing(drop_chunks(job, requested, self._workers, warn)) as steps:
+            for step in steps:
+                if not isinstance(step, PoolFuture):
+                    yield step
+                    continue
+                done = ros_future(self._node, step)  # drop_chunks handles its exception
+                while not (stopped() or await wait_for(self._node, done, CANCEL_PERIOD)):
+                    pass
+                if stopped():
+                    return
+
+    def _publish_surroundings(self, run: RunDescription, scene: Scene) -> None:
+        """Publish the surroundings of a new run; nothing for the infinite level plane."""
+        if not scene.level:
+            self._surroundings.publish(run.part, description_msg(run, scene, self._frame))
+
 
 # -- drop_part ------------------------------------------------------------------------------------
 
@@ -117,7 +256,7 @@ class DropServer(GoalServer):
     async def _answer(self, handle: ServerGoalHandle) -> tuple[DropPart.Result, Exception | None]:
         goal = handle.request
         check_run_id(goal.run_id)
-        part = await self._parts.get(goal.part)
+        part = await self._part(goal.part)
         if handle.is_cancel_requested:
             raise CanceledError('canceled before the first drop')
         job, requested = await self._plan(goal, part)
@@ -352,7 +491,7 @@ class ReorientServer(GoalServer):
         self, handle: ServerGoalHandle
     ) -> tuple[ReorientPart.Result, Exception | None]:
         goal = ReorientGoal(handle)
-        part = await self._parts.get(goal.request.part)
+        part = await self._part(goal.request.part)
         action = requested_action(goal.request.action)
         conditions = await self._conditions(goal.request)
         given = (part, action, conditions, goal.request)
