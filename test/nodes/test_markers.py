@@ -13,6 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.support import ContactPlane
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     BODIES,
     MAX_SHOWN,
@@ -141,17 +142,18 @@ def area(corners):
 
 
 def test_a_patch_of_a_plane_is_a_square_that_ends_at_a_wall():
-    found = plane_patch(np.array([0.6, 0.0, 0.8, -0.1]), [], 2.0)
+    found = plane_patch(ContactPlane('', np.array([0.6, 0.0, 0.8]), 0.1), [], 2.0)
     np.testing.assert_allclose(found @ [0.6, 0.0, 0.8], 0.1)
     np.testing.assert_allclose(found.mean(axis=0), [0.06, 0.0, 0.08], atol=1e-12)
     assert area(found) == pytest.approx(16.0)
-    level = np.array([0.0, 0.0, 1.0, 0.0])
-    wall = np.array([0.0, 1.0, 0.0, 0.5])  # the half-space y <= -0.5
+    level = ContactPlane('', np.array([0.0, 0.0, 1.0]), 0.0)
+    wall = ContactPlane('', np.array([0.0, 1.0, 0.0]), -0.5)  # of the half-space y <= -0.5
     found = plane_patch(level, [wall], 2.0)
     assert found[:, 1].min() == pytest.approx(-0.5)
     assert area(found) == pytest.approx(4 * 2.5)
     # A plane inside another body has none.
-    assert len(plane_patch(level, [np.array([0.0, 0.0, 1.0, -1.0])], 2.0)) == 0
+    above = ContactPlane('', np.array([0.0, 0.0, 1.0]), 1.0)
+    assert len(plane_patch(level, [above], 2.0)) == 0
 
 
 @pytest.fixture

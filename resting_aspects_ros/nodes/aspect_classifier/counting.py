@@ -18,6 +18,7 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import start_task, subscribe
 from resting_aspects_ros.ros.conversions import poses_from, run_from
 from resting_aspects_ros.ros.diagnostics import (
+    Diagnosis,
     RateCounter,
     active_runs_text,
     count_text,
@@ -211,8 +212,6 @@ class Tally:
 class Tallies:
     """All tallies; of each sequence of drops and first drop, the one with most drops.
 
-    Parameters
-    ----------
     aspects_of : returns the aspects of a version of a part by its part_sha256, or None if it has
         not been described
     """
@@ -368,8 +367,6 @@ def _most_drops(tally: Tally) -> tuple[int, int, str]:
 class ModelRanges:
     """Adds the model range to distributions; a failure is logged, and the range is then missing.
 
-    Parameters
-    ----------
     surfaces : with the uncertainty of their conditions, which no message has
     worker : makes the drops over this uncertainty
     """
@@ -420,13 +417,6 @@ class DropCounter:
     When the last message of a run has arrived and drops are missing, they are requested again.
 
     drops : counter of the received drops
-
-    Parameters
-    ----------
-    tallies : receives the drops
-    outputs : publishes the distributions
-    client : requests drops that are missing
-    ranges : adds the model range at the end of a run
     """
 
     def __init__(
@@ -444,7 +434,6 @@ class DropCounter:
         self._tallies = tallies
         self._outputs = outputs
         self._client = client
-        self._gone = False  # whether it was logged that the source of active runs is gone
         self.drops = RateCounter()
         subscribe(node, RestingPosesMsg, RESTING_POSES, self._receive, POSES)
 
@@ -490,37 +479,22 @@ class DropCounter:
             drops = count_text(lost, 'drop', 'drops')
             self._node.get_logger().warning(f'run {run.run_id} of {run.part} is missing {drops}')
 
-    # Diagnostics
-
-    @property
-    def state(self) -> str:
-        """The progress of the active runs as text; empty if there are none."""
-        return active_runs_text(self._active())
-
-    def _active(self) -> list[tuple[RunDescription, int]]:
+    def diagnose(self) -> Diagnosis:
+        """Return the progress of the active runs, and what is missing."""
         begin = time.monotonic() - IDLE
-        return [(t.run, t.drops) for t in self._tallies if not t.ended and t.heard > begin]
-
-    def _missing(self) -> int:
-        return sum(end - first for tally in self._tallies for first, end in tally.missing())
-
-    def values(self) -> dict[str, object]:
-        """Return values for the diagnostics."""
+        active = [(t.run, t.drops) for t in self._tallies if not t.ended and t.heard > begin]
         waiting = sum(len(poses) for tally in self._tallies for poses in tally.waiting)
-        return {
+        missing = sum(end - first for tally in self._tallies for first, end in tally.missing())
+        values = {
             'drops received': self.drops.total,
             'drops per second': self.drops.rate(),
             'drops not counted yet': waiting,
-            'missing drops': self._missing(),
-            'active runs': len(self._active()),
+            'missing drops': missing,
+            'active runs': len(active),
         }
-
-    def warnings(self) -> list[str]:
-        """Return the current problems; logs once if the simulator disappears during a run."""
-        gone = self._client.simulators.was_seen and self._client.source_is_gone
-        if gone and self.state and not self._gone:
-            self._node.get_logger().warning(f'{DROP_SIMULATOR} disappeared: {self.state}')
-        self._gone = gone
-        missing = self._missing()
-        text = count_text(missing, 'drop is missing', 'drops are missing')
-        return [f'no {DROP_SIMULATOR}'] * gone + [text] * bool(missing)
+        warnings = []
+        if self._client.simulators.was_seen and self._client.source_is_gone:
+            warnings.append(f'no {DROP_SIMULATOR}')
+        if missing:
+            warnings.append(count_text(missing, 'drop is missing', 'drops are missing'))
+        return Diagnosis(active_runs_text(active), values, warnings)

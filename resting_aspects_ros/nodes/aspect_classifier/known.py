@@ -80,8 +80,6 @@ class _Offer:
 class PartRegistry:
     """The parts as currently described, and the aspects of every version received.
 
-    Parameters
-    ----------
     files : reads descriptions, so that a mesh cannot block the node
     changed : called with the part when a description has been read
     simulator_is_ready : returns whether a simulator offers parts
@@ -367,15 +365,12 @@ def _count_first_drops(log: Path) -> LoggedRun:
 class LogLoader:
     """Reads the logs in a folder, the newest ones up to MAX_LOGS.
 
+    folder : of the logs; None: read nothing
+    files : reads the logs, so that a file cannot block the node
+    known, transitions : receive what is read
+
     ready : whether all logs have been read
     state : text describing the progress
-
-    Parameters
-    ----------
-    folder : folder of the logs; None: read nothing
-    files : reads the logs, so that a file cannot block the node
-    known : receives the distributions
-    transitions : receives the transition matrices
     """
 
     def __init__(

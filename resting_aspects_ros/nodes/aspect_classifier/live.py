@@ -150,10 +150,6 @@ LIVE_PARAMETERS = (
 class LiveMonitor:
     """Subscribes to observed_counts/*, publishes posterior/<part>, and tests drift.
 
-    Parameters
-    ----------
-    known : the simulated drops
-    transitions : the simulated transitions
     worker : tests drift, so that it does not block the node
     """
 

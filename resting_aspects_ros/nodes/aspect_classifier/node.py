@@ -79,9 +79,7 @@ class AspectClassifier(Node):
     surroundings_markers and current_poses, and known transitions/<part>. Serves
     get_distribution, get_transitions, classify_pose, identify_part and forecast.
 
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
+    options : of rclpy.node.Node
     """
 
     def __init__(self, **options: Any) -> None:
@@ -181,14 +179,9 @@ class AspectClassifier(Node):
         self._outputs.restore(known)
 
     def _diagnose(self) -> Diagnosis:
-        values = {
-            **self._counter.values(),
-            'distributions known': len(self._known),
-            'transition matrices known': len(self._transitions),
-            'parts counted': self._monitor.counted,
-        }
-        warnings = [*self._counter.warnings(), *self._monitor.warnings()]
-        return Diagnosis(self._counter.state, values, warnings)
+        found = self._counter.diagnose()
+        values = {**found.values, 'parts counted': self._monitor.counted}
+        return Diagnosis(found.state, values, [*found.warnings, *self._monitor.warnings()])
 
     def _newest(self, part_sha256: str) -> Distribution | None:
         """Return the distribution of a part that is published."""

@@ -68,8 +68,6 @@ class _Entry:
 class OutlineStore:
     """Computes the outlines of the offered parts one after another, and publishes them.
 
-    Parameters
-    ----------
     files : computes, so that a large mesh cannot block the node
     newest : returns the newest distribution of a version of a part by its part_sha256, or None
     """
@@ -179,12 +177,7 @@ THREADS = 2
 
 
 class IdentificationService:
-    """Serves identify_part.
-
-    Parameters
-    ----------
-    outlines : the outlines of the parts, with their prior shares
-    """
+    """Serves identify_part."""
 
     def __init__(self, node: Node, parts: PartRegistry, outlines: OutlineStore) -> None:
         self._node = node

@@ -1,7 +1,9 @@
 """Publishers of the classifier: distributions, markers for RViz, and the newest poses."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -18,11 +20,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.support import ContactPlane
 from resting_aspects_ros.nodes.aspect_classifier.counting import Tally
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspect_colour, probability_text, rgb
 from resting_aspects_ros.report.picture import aspect_poses, message_faces
+from resting_aspects_ros.report.scene_picture import clipped, plane_axes
 from resting_aspects_ros.ros.callbacks import PartTopics, WorkTimer, advertise, start_task
 from resting_aspects_ros.ros.conversions import (
     check_surroundings,
@@ -148,42 +152,33 @@ OPACITY = 0.6
 MAX_KEPT = 10
 
 
-def plane_patch(plane: Array, others: Sequence[Array], size: float) -> Array:
+def plane_patch(plane: ContactPlane, others: Sequence[ContactPlane], size: float) -> Array:
     """Return the corners (n, 3) of a patch of a plane in front of the other planes.
 
-    Parameters
-    ----------
-    plane, others : (4,) float
-        Coefficients a, b, c, d of the half-spaces ``a x + b y + c z + d <= 0``, unit normals.
-    size : float
-        Half the length of the patch, m; its centre is the point next to the origin.
+    size : half the length of the patch, m; its centre is the point next to the origin
     """
-    normal, offset = plane[:3], -plane[3]
-    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
-    corners = np.array(
-        [
-            offset * normal + size * (s * first + t * second)
-            for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        ]
-    )
+    u, v = plane_axes(plane.normal) * size
+    middle = plane.offset * plane.normal
+    corners = [middle + a * u + b * v for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     for other in others:
-        corners = _in_front(corners, other)
-    return corners
+        corners = clipped(corners, other)
+    return np.array(corners).reshape(-1, 3)
 
 
 def surroundings_markers(message: SurroundingsDescription, radius: float) -> MarkerArray:
     """Return the markers of surroundings for a part of a hull radius, m."""
-    planes = [np.array(each.coef) for body in message.bodies for each in body.plane]
+    planes = {
+        k: ContactPlane(body.name, np.array(body.plane[0].coef[:3]), -body.plane[0].coef[3])
+        for k, body in enumerate(message.bodies)
+        if body.plane
+    }
     markers = [Marker(action=Marker.DELETEALL)]
     for k, body in enumerate(message.bodies):
-        if body.plane:
-            plane = np.array(body.plane[0].coef)
-            others = [other for other in planes if not np.array_equal(other, plane)]
-            corners = plane_patch(plane, others, PATCH * radius)
-            triangles = [corners[[0, i, i + 1]] for i in range(1, len(corners) - 1)]
-            points = [Point(**xyz(corner)) for triangle in triangles for corner in triangle]
+        if k in planes:
+            others = [plane for other, plane in planes.items() if other != k]
+            corners = [Point(**xyz(p)) for p in plane_patch(planes[k], others, PATCH * radius)]
+            fans = pairwise(corners[1:])
+            points = [point for one, other in fans for point in (corners[0], one, other)]
         else:
             (mesh,) = body.mesh
             points = [mesh.vertices[i] for each in mesh.triangles for i in each.vertex_indices]
@@ -202,8 +197,6 @@ def serialized_markers(description: bytes, radius: float) -> bytes:
 class SurroundingsMarkers:
     """Publishes surroundings_markers: the surroundings of the run whose distribution changed last.
 
-    Parameters
-    ----------
     files : creates the markers, so that a mesh cannot block the node
     """
 
@@ -245,20 +238,6 @@ class SurroundingsMarkers:
             self._descriptions.pop(next(iter(self._descriptions)))
         if self._wanted is not None:
             self.show(self._wanted)
-
-
-def _in_front(corners: Array, plane: Array) -> Array:
-    """Return a convex polygon without its part in a half-space."""
-    height = corners @ plane[:3] + plane[3]
-    kept = []
-    for k in range(len(corners)):
-        here, there = height[k - 1], height[k]
-        if (here < 0) != (there < 0):
-            share = here / (here - there)
-            kept.append(corners[k - 1] + share * (corners[k] - corners[k - 1]))
-        if there >= 0:
-            kept.append(corners[k])
-    return np.array(kept).reshape(-1, 3)
 
 
 def _body_markers(
@@ -392,18 +371,16 @@ class CurrentPosesPublisher:
             node, PoseArray, CURRENT_POSES, LATCHED, matched=lambda _: changed()
         )
         self._run_id = ''
-        self._position = np.zeros((0, 3))
-        self._orientation = np.zeros((0, 4))
+        self._poses: deque[tuple[Array, Array]] = deque(maxlen=MAX_SHOWN)
         self._stamp = Time()
         self._changed = False
 
     def take(self, run_id: str, poses: RestingPoses, stamp: Time) -> None:
         """Store the poses of a batch; those of another run are removed."""
-        known = len(self._position) if run_id == self._run_id else 0
+        if run_id != self._run_id:
+            self._poses.clear()
         settled = np.flatnonzero(poses.status == RestStatus.SETTLED)[-MAX_SHOWN:]
-        position = np.concatenate([self._position[:known], poses.position[settled]])
-        orientation = np.concatenate([self._orientation[:known], poses.orientation[settled]])
-        self._position, self._orientation = position[-MAX_SHOWN:], orientation[-MAX_SHOWN:]
+        self._poses.extend(zip(poses.position[settled], poses.orientation[settled], strict=True))
         self._run_id, self._stamp, self._changed = run_id, stamp, True
         self._on_change()
 
@@ -412,10 +389,9 @@ class CurrentPosesPublisher:
         if not self._changed or not self._publisher.get_subscription_count():
             return
         self._changed = False
-        rows = zip(self._position, self._orientation, strict=True)
         self._publisher.publish(
             PoseArray(
                 header=Header(stamp=self._stamp, frame_id=self._frame),
-                poses=[pose_msg(position, orientation) for position, orientation in rows],
+                poses=[pose_msg(position, orientation) for position, orientation in self._poses],
             )
         )

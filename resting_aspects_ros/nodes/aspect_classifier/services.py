@@ -103,19 +103,21 @@ class DistributionService:
     async def _answer(
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> None:
-        response.distribution = await self._requested(request)
-
-    async def _requested(self, request: GetDistribution.Request) -> AspectDistribution:
-        """Return the requested distribution; raises RestingAspectsError."""
+        stamp = self._node.get_clock().now().to_msg
         method = requested_estimator(request.method)
         if method is None:
-            return await self._find_or_drop(request)
+            tally = await self._find_or_drop(request)
+            found = _message(tally.run, tally.counted, tally.complete, self._frame)
+            found.header.stamp = stamp()
+            response.distribution = found
+            return
         requested = await self._parts.requested(request.part)
         part, aspects = self._parts.version(requested.part_sha256)
         prediction = estimate(RestingShape(part, aspects), method)
-        return estimate_msg(prediction, part, self._node.get_clock().now().to_msg(), self._frame)
+        response.distribution = estimate_msg(prediction, part, stamp(), self._frame)
 
-    async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
+    async def _find_or_drop(self, request: GetDistribution.Request) -> Tally:
+        """Return a tally that matches a request, dropped first if none is known."""
         drops = max_drops(request.drops, request.precision, MAX_DROPS)
         check_drops(drops)
         seed = request.seed[0] if request.seed else None
@@ -135,7 +137,7 @@ class DistributionService:
             await self._client.wait_until_ready()
             found = await self._extended(request, sha, conditions, drops)
         await self._ranges.add(found)
-        return self._message(found)
+        return found
 
     async def _extended(
         self, request: GetDistribution.Request, sha: str, conditions: DropConditions, drops: int
@@ -217,11 +219,6 @@ class DistributionService:
             return ''
         return self._tallies.sha_of(name)
 
-    def _message(self, tally: Tally) -> AspectDistribution:
-        message = _message(tally.run, tally.counted, tally.complete, self._frame)
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        return message
-
 
 @lru_cache(MAX_MESSAGES)
 def _message(
@@ -272,9 +269,6 @@ Live = tuple[LiveCounts, Counts | None]
 class ForecastService:
     """Serves forecast.
 
-    Parameters
-    ----------
-    monitor : the parts counted on the machine
     worker : computes, so that a forecast does not block the node
     """
 

@@ -5,6 +5,7 @@ import uuid
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from concurrent.futures import Future as PoolFuture
 from contextlib import aclosing, closing
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -77,42 +78,39 @@ RESULT_TIMEOUT = 300
 CANCEL_PERIOD = 0.5
 
 
-class GoalServer:
-    """Serves an action; goals of all actions share the workers chunk by chunk.
+@dataclass(frozen=True)
+class Resources:
+    """What the servers of both actions share.
 
-    Parameters
-    ----------
-    kind, name : type and name of the action
     part : returns an offered part by its name
-    files : computes what could block the node, such as the aspects of a large mesh
     conditions : returns the conditions that a goal requests
+    files : computes what could block the node, such as the aspects of a large mesh
     surroundings : topics of the surroundings of new runs
     frame : frame of the published poses
     """
 
-    def __init__(
-        self,
-        kind: Any,
-        name: str,
-        node: Node,
-        part: Callable[[str], Awaitable[Part]],
-        workers: LocalWorkers,
-        files: FileWorker,
-        conditions: Callable[[Any], Awaitable[DropConditions]],
-        surroundings: PartTopics,
-        frame: str,
-    ) -> None:
+    node: Node
+    part: Callable[[str], Awaitable[Part]]
+    conditions: Callable[[Any], Awaitable[DropConditions]]
+    workers: LocalWorkers
+    files: FileWorker
+    surroundings: PartTopics
+    frame: str
+
+
+class GoalServer:
+    """Serves an action; goals of all actions share the workers chunk by chunk.
+
+    kind, name : type and name of the action
+    """
+
+    def __init__(self, kind: Any, name: str, resources: Resources) -> None:
         self._kind, self._name = kind, name
-        self._node = node
-        self._part = part
-        self._workers = workers
-        self._files = files
-        self._conditions = conditions
-        self._surroundings = surroundings
-        self._frame = frame
+        self._resources = resources
+        self._node, self._files, self._frame = resources.node, resources.files, resources.frame
         self._progress: dict[int, str] = {}  # of the active goals, by the id of the handle
         self._server = ActionServer(
-            node,
+            self._node,
             kind,
             name,
             self._execute,
@@ -177,7 +175,7 @@ class GoalServer:
         Ends early if ``stopped`` returns True, also while a chunk is simulated.
         """
         warn = self._node.get_logger().warning
-        with closing(drop_chunks(job, requested, self._workers, warn)) as steps:
+        with closing(drop_chunks(job, requested, self._resources.workers, warn)) as steps:
             for step in steps:
                 if not isinstance(step, PoolFuture):
                     yield step
@@ -191,7 +189,9 @@ class GoalServer:
     def _publish_surroundings(self, run: RunDescription, scene: Scene) -> None:
         """Publish the surroundings of a new run; nothing for the infinite level plane."""
         if not scene.level:
-            self._surroundings.publish(run.part, description_msg(run, scene, self._frame))
+            self._resources.surroundings.publish(
+                run.part, description_msg(run, scene, self._frame)
+            )
 
 
 # -- drop_part ------------------------------------------------------------------------------------
@@ -240,23 +240,19 @@ class DropGoal:
 class DropServer(GoalServer):
     """Serves drop_part, and publishes resting_poses.
 
-    Parameters
-    ----------
-    node, shared : as for GoalServer
-
     drops : counter of all drops made
     """
 
-    def __init__(self, node: Node, *shared: Any) -> None:
-        super().__init__(DropPart, DROP_PART, node, *shared)
+    def __init__(self, resources: Resources) -> None:
+        super().__init__(DropPart, DROP_PART, resources)
         self._runs: dict[str, RunDescription] = {}  # by run id
-        self._publisher = advertise(node, RestingPosesMsg, RESTING_POSES, POSES)
+        self._publisher = advertise(self._node, RestingPosesMsg, RESTING_POSES, POSES)
         self.drops = RateCounter()
 
     async def _answer(self, handle: ServerGoalHandle) -> tuple[DropPart.Result, Exception | None]:
         goal = handle.request
         check_run_id(goal.run_id)
-        part = await self._part(goal.part)
+        part = await self._resources.part(goal.part)
         if handle.is_cancel_requested:
             raise CanceledError('canceled before the first drop')
         job, requested = await self._plan(goal, part)
@@ -269,7 +265,7 @@ class DropServer(GoalServer):
         return active.result, None
 
     async def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
-        conditions = await self._conditions(goal)
+        conditions = await self._resources.conditions(goal)
         plan = partial(
             plan_run,
             part,
@@ -475,25 +471,21 @@ class ReorientGoal:
 class ReorientServer(GoalServer):
     """Serves reorient_part, and publishes transitions/<part>.
 
-    Parameters
-    ----------
-    node, shared : as for GoalServer
-
     actions : counter of all actions made
     """
 
-    def __init__(self, node: Node, *shared: Any) -> None:
-        super().__init__(ReorientPart, REORIENT_PART, node, *shared)
-        self._topics = PartTopics(node, TransitionMatrix, TRANSITIONS, LATCHED)
+    def __init__(self, resources: Resources) -> None:
+        super().__init__(ReorientPart, REORIENT_PART, resources)
+        self._topics = PartTopics(self._node, TransitionMatrix, TRANSITIONS, LATCHED)
         self.actions = RateCounter()
 
     async def _answer(
         self, handle: ServerGoalHandle
     ) -> tuple[ReorientPart.Result, Exception | None]:
         goal = ReorientGoal(handle)
-        part = await self._part(goal.request.part)
+        part = await self._resources.part(goal.request.part)
         action = requested_action(goal.request.action)
-        conditions = await self._conditions(goal.request)
+        conditions = await self._resources.conditions(goal.request)
         given = (part, action, conditions, goal.request)
         drops, goal.feedback.total, planned = await self._files.run(plan_goal, *given)
         self._topics.offer(part.name)  # before the drops, so that subscribers miss nothing

@@ -11,7 +11,7 @@ from resting_aspects_interfaces.msg import PartDescription, SurroundingsDescript
 
 from resting_aspects_ros.errors import InvalidValueError, PartError, RestingAspectsError
 from resting_aspects_ros.input_files import is_folder
-from resting_aspects_ros.nodes.drop_simulator.actions import DropServer, ReorientServer
+from resting_aspects_ros.nodes.drop_simulator.actions import DropServer, ReorientServer, Resources
 from resting_aspects_ros.part.library import PartLibrary, Stamp
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import PartTopics, start_task, steady_timer
@@ -67,8 +67,6 @@ class PartPublisher:
     ready : future that is done when the folder has been read once
     not_offered : reasons by part, or by file if the file does not name a part
 
-    Parameters
-    ----------
     files : reads the folder, so that a file cannot block the node
     """
 
@@ -185,9 +183,7 @@ class DropSimulator(Node):
     Publishes parts/<part>, surroundings/<part>, resting_poses, transitions/<part> and
     default_conditions.
 
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
+    options : of rclpy.node.Node
     """
 
     def __init__(self, **options: Any) -> None:
@@ -203,12 +199,17 @@ class DropSimulator(Node):
             self, values[SURROUNDINGS_FOLDER.name], self._files
         )
         self._parts = PartPublisher(self, folder, self._files)
-        shared = (
-            *(self._parts.get, self._workers, self._files, self._conditions),
-            *(PartTopics(self, SurroundingsDescription, SURROUNDINGS, SURROUNDINGS_QOS), frame),
+        resources = Resources(
+            self,
+            self._parts.get,
+            self._conditions,
+            self._workers,
+            self._files,
+            PartTopics(self, SurroundingsDescription, SURROUNDINGS, SURROUNDINGS_QOS),
+            frame,
         )
-        self._drops = DropServer(self, *shared)
-        self._reorient = ReorientServer(self, *shared)
+        self._drops = DropServer(resources)
+        self._reorient = ReorientServer(resources)
         self._parts.ready.add_done_callback(self._on_parts_read)
 
     def close(self) -> None:

@@ -339,25 +339,22 @@ class ModelUpdates:
                 self._service.remove_pending_request(answer)
 
     def _on_drops(self, message: AspectDistribution) -> None:
-        if message.drops == 0:
-            return
-        try:
-            drops = drops_from(message)
-        except InvalidValueError as error:
-            self._known.ignore('drops', error)
-            return
-        if self._known.add_drops(drops):
-            self._build()
+        if message.drops:
+            self._take('drops', lambda: self._known.add_drops(drops_from(message)))
 
     def _on_flips(self, message: TransitionMatrixMsg) -> None:
-        if not any(message.actions):
-            return
+        if any(message.actions):
+            name = self._settings.part
+            self._take('flips', lambda: self._known.add_flips(flips_from(message, name)))
+
+    def _take(self, kind: str, add: Callable[[], bool]) -> None:
+        """Add evidence, and build the model if it differs enough."""
         try:
-            flips = flips_from(message, self._settings.part)
+            is_new = add()
         except InvalidValueError as error:
-            self._known.ignore('flips', error)
+            self._known.ignore(kind, error)
             return
-        if self._known.add_flips(flips):
+        if is_new:
             self._build()
 
     def _build(self) -> None:

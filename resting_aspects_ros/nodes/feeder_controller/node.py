@@ -107,9 +107,7 @@ class FeederController(Node):
     Subscribes to detections, pick_result, parts/<part>, aspect_distributions/<part> and
     transitions/<part>, and calls get_distribution if no drops are known.
 
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
+    options : of rclpy.node.Node
     """
 
     def __init__(self, **options: Any) -> None:
