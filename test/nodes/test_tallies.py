@@ -150,9 +150,9 @@ def test_distributions_of_other_aspects_are_removed(run, aspects, counted, solid
     wrong = dataclasses.replace(counted(), aspects=fewer, counts=np.array([1, 1, 1]))
     tallies.add(run('a', seed=1), counted())
     tallies.add(run('b', seed=2), wrong)
-    assert tallies.remove_inconsistent() == []
+    assert tallies.remove_inconsistent(sha) == []
     described[sha] = aspects
-    assert [each.run_id for each in tallies.remove_inconsistent()] == ['b']
+    assert [each.run_id for each in tallies.remove_inconsistent(sha)] == ['b']
     assert len(tallies) == 1
     with pytest.raises(InvalidValueError, match='expected the aspects of tetrahedron'):
         tallies.add(run('b', seed=2), wrong)

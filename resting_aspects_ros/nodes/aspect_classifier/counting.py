@@ -247,9 +247,9 @@ class Tallies:
         return [tally for tally in self._all if tally.sequence == sequence]
 
     def _keep(self, tally: Tally) -> Tally:
-        self._all.append(tally)
+        self._all = [*self._all, tally][-MAX_KNOWN:]
         uncounted = [each for each in self._all if each.distribution is None]
-        for each in [*uncounted[:-MAX_UNCOUNTED], *self._all[:-MAX_KNOWN]]:
+        for each in uncounted[:-MAX_UNCOUNTED]:
             self._all.remove(each)
         return tally
 
@@ -289,9 +289,10 @@ class Tallies:
         aspects, counted = self._aspects_of(tally.run.part_sha256), tally.distribution
         return aspects is None or counted is None or aspects.matches(counted.aspects)
 
-    def remove_inconsistent(self) -> list[RunDescription]:
-        """Remove distributions over other aspects than those of the part; return their runs."""
-        wrong = [tally for tally in self._all if not self._is_consistent(tally)]
+    def remove_inconsistent(self, part_sha256: str) -> list[RunDescription]:
+        """Remove the distributions over other aspects than those of a part; return their runs."""
+        of_part = [each for each in self._all if each.run.part_sha256 == part_sha256]
+        wrong = [tally for tally in of_part if not self._is_consistent(tally)]
         for tally in wrong:
             self._all.remove(tally)
         return [tally.run for tally in wrong]
@@ -364,6 +365,7 @@ def _most_drops(tally: Tally) -> tuple[int, int, str]:
     return tally.drops, *_start_order(tally)
 
 
+@dataclass(eq=False)
 class ModelRanges:
     """Adds the model range to distributions; a failure is logged, and the range is then missing.
 
@@ -371,31 +373,30 @@ class ModelRanges:
     worker : makes the drops over this uncertainty
     """
 
-    def __init__(
-        self, node: Node, parts: 'PartRegistry', surfaces: Surfaces, worker: FileWorker
-    ) -> None:
-        self._node = node
-        self._parts = parts
-        self._surfaces = surfaces
-        self._worker = worker
+    node: Node
+    parts: 'PartRegistry'
+    surfaces: Surfaces
+    worker: FileWorker
+
+    def __post_init__(self) -> None:
         self._active: dict[int, Future] = {}  # by the id of the distribution
 
     async def add(self, tally: Tally) -> None:
         """Add the range of the drops that are counted now, unless it is known."""
         given, run = tally.counted, tally.run
-        missing = given.model is None and given.drops and not missing_in(run, self._surfaces)
-        if not missing or self._parts.aspects(run.part_sha256) is None:
+        missing = given.model is None and given.drops and not missing_in(run, self.surfaces)
+        if not missing or self.parts.aspects(run.part_sha256) is None:
             return
         if (active := self._active.get(id(given))) is not None:
             await active
             return
-        finished = self._active[id(given)] = Future(executor=self._node.executor)
+        finished = self._active[id(given)] = Future(executor=self.node.executor)
         try:
-            part, aspects = self._parts.version(run.part_sha256)
+            part, aspects = self.parts.version(run.part_sha256)
             whole = dataclasses.replace(given, aspects=aspects)  # those of a log lack directions
-            found = await self._worker.run(model_range_of, whole, part, run, self._surfaces)
+            found = await self.worker.run(model_range_of, whole, part, run, self.surfaces)
         except RestingAspectsError as error:
-            self._node.get_logger().warning(
+            self.node.get_logger().warning(
                 f'the model range of run {run.run_id} is missing: {error}'
             )
             return
@@ -411,6 +412,7 @@ class ModelRanges:
 IDLE = 60.0
 
 
+@dataclass(eq=False)
 class DropCounter:
     """Subscribes to resting_poses and counts the drops by aspect.
 
@@ -419,72 +421,65 @@ class DropCounter:
     drops : counter of the received drops
     """
 
-    def __init__(
-        self,
-        node: Node,
-        parts: 'PartRegistry',
-        tallies: Tallies,
-        outputs: 'DistributionPublisher',
-        client: DropClient,
-        ranges: ModelRanges,
-    ) -> None:
-        self._node = node
-        self._parts = parts
-        self._ranges = ranges
-        self._tallies = tallies
-        self._outputs = outputs
-        self._client = client
+    node: Node
+    parts: 'PartRegistry'
+    tallies: Tallies
+    outputs: 'DistributionPublisher'
+    client: DropClient
+    ranges: ModelRanges
+
+    def __post_init__(self) -> None:
         self.drops = RateCounter()
-        subscribe(node, RestingPosesMsg, RESTING_POSES, self._receive, POSES)
+        subscribe(self.node, RestingPosesMsg, RESTING_POSES, self._receive, POSES)
 
     def part_changed(self, part_sha256: str) -> None:
         """Count the waiting drops of a part after its description was read."""
-        for tally in self._tallies:
+        for tally in self.tallies:
             if tally.run.part_sha256 == part_sha256 and tally.waiting:
                 self._update(tally)
 
     def _receive(self, message: RestingPosesMsg) -> None:
         poses, run = poses_from(message), run_from(message.run)
-        self._outputs.poses.take(run.run_id, poses, message.header.stamp)
-        tally = self._tallies.of_run(run)
+        self.outputs.poses.take(run.run_id, poses, message.header.stamp)
+        tally = self.tallies.of_run(run)
         self.drops.add(tally.add(run, poses, last=message.last))
         self._update(tally)
         if message.last and tally.missing():
             failure = 'missing drops are not requested'
-            start_task(self._node, failure, self._request_again, tally, run)
+            start_task(self.node, failure, self._request_again, tally, run)
 
     def _update(self, tally: Tally) -> None:
         """Count the waiting drops of a tally, if the aspects of its part are known."""
-        if self._parts.aspects(tally.run.part_sha256) is None:
+        if self.parts.aspects(tally.run.part_sha256) is None:
             return
-        tally.count(*self._parts.version(tally.run.part_sha256))
+        tally.count(*self.parts.version(tally.run.part_sha256))
         if not tally.complete:
-            self._outputs.change(tally)
+            self.outputs.change(tally)
             return
         tally.awaits_range = True
-        start_task(self._node, 'a distribution is missing', self._add_range, tally)
+        start_task(self.node, 'a distribution is missing', self._add_range, tally)
 
     async def _add_range(self, tally: Tally) -> None:
         """Publish the distribution of a run that has ended, with its model range."""
         try:
-            await self._ranges.add(tally)
+            await self.ranges.add(tally)
         finally:
             tally.awaits_range = False
-        self._outputs.change(tally)
-        self._outputs.publish()
+        self.outputs.change(tally)
+        self.outputs.publish()
 
     async def _request_again(self, tally: Tally, run: RunDescription) -> None:
-        if not await self._client.request_again(goal_of_run(run), tally.missing):
+        if not await self.client.request_again(goal_of_run(run), tally.missing):
             lost = sum(end - first for first, end in tally.missing())
             drops = count_text(lost, 'drop', 'drops')
-            self._node.get_logger().warning(f'run {run.run_id} of {run.part} is missing {drops}')
+            self.node.get_logger().warning(f'run {run.run_id} of {run.part} is missing {drops}')
 
     def diagnose(self) -> Diagnosis:
         """Return the progress of the active runs, and what is missing."""
         begin = time.monotonic() - IDLE
-        active = [(t.run, t.drops) for t in self._tallies if not t.ended and t.heard > begin]
-        waiting = sum(len(poses) for tally in self._tallies for poses in tally.waiting)
-        missing = sum(end - first for tally in self._tallies for first, end in tally.missing())
+        active = [(t.run, t.drops) for t in self.tallies if not t.ended and t.heard > begin]
+        waiting = sum(len(poses) for tally in self.tallies for poses in tally.waiting)
+        missing = sum(end - first for tally in self.tallies for first, end in tally.missing())
         values = {
             'drops received': self.drops.total,
             'drops per second': self.drops.rate(),
@@ -493,7 +488,7 @@ class DropCounter:
             'active runs': len(active),
         }
         warnings = []
-        if self._client.simulators.was_seen and self._client.source_is_gone:
+        if self.client.simulators.was_seen and self.client.source_is_gone:
             warnings.append(f'no {DROP_SIMULATOR}')
         if missing:
             warnings.append(count_text(missing, 'drop is missing', 'drops are missing'))

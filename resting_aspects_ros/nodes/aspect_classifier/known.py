@@ -46,7 +46,6 @@ from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
 from resting_aspects_ros.ros.requests import NotAvailableError, unknown_part
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.poses import RestingPoses
 
 # The parts of a simulator arrive one after another. Time without a new part after which all parts
 # have arrived, s.
@@ -77,6 +76,7 @@ class _Offer:
     problem: str = ''
 
 
+@dataclasses.dataclass(eq=False)
 class PartRegistry:
     """The parts as currently described, and the aspects of every version received.
 
@@ -86,19 +86,13 @@ class PartRegistry:
     check_ready : raises NotAvailableError while the node is not ready for requests
     """
 
-    def __init__(
-        self,
-        node: Node,
-        files: FileWorker,
-        changed: Callable[[Part], None],
-        simulator_is_ready: Callable[[], bool],
-        check_ready: Callable[[], None],
-    ) -> None:
-        self._node = node
-        self._files = files
-        self._changed = changed
-        self.simulator_is_ready = simulator_is_ready
-        self._check_ready = check_ready
+    node: Node
+    files: FileWorker
+    changed: Callable[[Part], None]
+    simulator_is_ready: Callable[[], bool]
+    check_ready: Callable[[], None]
+
+    def __post_init__(self) -> None:
         self._offers: dict[str, _Offer] = {}
         self._last: dict[str, Part] = {}  # by name, including parts that are no longer offered
         self._versions: dict[str, tuple[Part, AspectSet]] = {}
@@ -116,17 +110,17 @@ class PartRegistry:
             return
         self._offers[name] = offer = _Offer(digest)
         try:
-            part, aspects = await self._files.run(read_part, data, name)
+            part, aspects = await self.files.run(read_part, data, name)
         except RestingAspectsError as error:
             offer.problem = f'part {name!r} cannot be used: {error}'
-            self._node.get_logger().warning(offer.problem)
+            self.node.get_logger().warning(offer.problem)
             return
         finally:
             self._last_arrival = time.monotonic()
         self._versions[part.part_sha256] = part, aspects
         if self._offers.get(name) is offer:
             offer.part = self._last[name] = part
-            self._changed(part)
+            self.changed(part)
 
     def remove(self, name: str) -> None:
         """Remove a part that is no longer offered; its aspects stay known."""
@@ -160,7 +154,7 @@ class PartRegistry:
         Raises PartError if the part is offered but cannot be used, and NotAvailableError while the
         node is not ready.
         """
-        self._check_ready()
+        self.check_ready()
         while True:
             is_ready = self.simulator_is_ready()
             if is_ready and not self._simulator_was_ready:
@@ -173,7 +167,7 @@ class PartRegistry:
             is_quiet = time.monotonic() - self._last_arrival >= QUIET_PERIOD
             if not is_read and (name in parts or is_quiet):
                 return parts
-            await sleep_for(self._node, CHECK_PERIOD)
+            await sleep_for(self.node, CHECK_PERIOD)
 
     async def requested(self, name: str) -> Part:
         """Return a part by name; raises as ``usable``, or UnknownPartError with the parts."""
@@ -353,15 +347,17 @@ def _count_first_drops(log: Path) -> LoggedRun:
     part = next((part for part in parts if part.part_sha256 == run.part_sha256), None)
     if part is None:
         raise LogError('it does not describe its part')
-    sequence = run.sequence()
-    for poses in RestingPoses.blocks(each for of, each in batches if of.sequence() == sequence):
-        if poses.first_drop <= run.first_drop < poses.end:
-            tally = Tally(run, waiting=[poses.between(run.first_drop, run.end)])
-            tally.count(part, find_aspects(part))
-            return run, tally.counted
-    raise LogError('it does not contain the first drops of its run')
+    tally = Tally(run)
+    for of, poses in batches:
+        if of.sequence() == tally.sequence:
+            tally.add(of, poses.between(run.first_drop, run.end), last=False)
+    tally.count(part, find_aspects(part))
+    if not tally.drops:
+        raise LogError('it does not contain the first drops of its run')
+    return run, tally.counted
 
 
+@dataclasses.dataclass(eq=False)
 class LogLoader:
     """Reads the logs in a folder, the newest ones up to MAX_LOGS.
 
@@ -373,19 +369,13 @@ class LogLoader:
     state : text describing the progress
     """
 
-    def __init__(
-        self,
-        node: Node,
-        folder: Path | None,
-        files: FileWorker,
-        known: Tallies,
-        transitions: TransitionStore,
-    ) -> None:
-        self._node = node
-        self._folder = folder
-        self._files = files
-        self._known = known
-        self._transitions = transitions
+    node: Node
+    folder: Path | None
+    files: FileWorker
+    known: Tallies
+    transitions: TransitionStore
+
+    def __post_init__(self) -> None:
         self._unused: list[str] = []  # names with reasons
         self.ready = False
         self.state = 'the logs of earlier runs are still being read'
@@ -393,28 +383,28 @@ class LogLoader:
     async def load(self, done: Callable[[], None]) -> None:
         """Read all logs, skipping unreadable ones, then call ``done``."""
         try:
-            if self._folder is not None:
-                await self._load(self._folder)
+            if self.folder is not None:
+                await self._load(self.folder)
         except RestingAspectsError as error:
-            self._node.get_logger().warning(f'log_folder {str(self._folder)!r}: {error}')
+            self.node.get_logger().warning(f'log_folder {str(self.folder)!r}: {error}')
         finally:
             self.ready = True
             done()
 
     async def _load(self, folder: Path) -> None:
         start = time.monotonic()
-        logs: list[Path] = await self._files.run(logs_in, folder)
+        logs: list[Path] = await self.files.run(logs_in, folder)
         for k, log in enumerate(logs[:MAX_LOGS]):
             self.state = f'{k} of {len(logs)} logs of earlier runs have been read, try again soon'
             try:
                 await self._read(log)
             except RestingAspectsError as error:
                 self._unused.append(f'{printable(log.name)}: {error}')
-        logger = self._node.get_logger()
+        logger = self.node.get_logger()
         if logs:
             logger.info(
                 f'{len(logs[:MAX_LOGS])} logs in {folder} read in {time.monotonic() - start:.1f} '
-                f's: {len(self._known)} distributions and {len(self._transitions)} transition '
+                f's: {len(self.known)} distributions and {len(self.transitions)} transition '
                 'matrices are known'
             )
         if logs[MAX_LOGS:]:
@@ -425,8 +415,8 @@ class LogLoader:
             logger.warning(f'{number} in {folder} cannot be used: {listed}')
 
     async def _read(self, log: Path) -> None:
-        logged: LoggedRun | TransitionMatrix | None = await self._files.run(load_log, log)
+        logged: LoggedRun | TransitionMatrix | None = await self.files.run(load_log, log)
         if isinstance(logged, TransitionMatrix):
-            self._transitions.add(logged)
+            self.transitions.add(logged)
         elif logged is not None:
-            self._known.add(*logged)
+            self.known.add(*logged)

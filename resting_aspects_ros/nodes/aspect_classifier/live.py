@@ -147,34 +147,29 @@ LIVE_PARAMETERS = (
 )
 
 
+@dataclass(eq=False)
 class LiveMonitor:
     """Subscribes to observed_counts/*, publishes posterior/<part>, and tests drift.
 
     worker : tests drift, so that it does not block the node
     """
 
-    def __init__(
-        self,
-        node: Node,
-        parts: PartRegistry,
-        known: Tallies,
-        transitions: TransitionStore,
-        worker: FileWorker,
-    ) -> None:
-        self._node = node
-        self._parts = parts
-        self._known = known
-        self._transitions = transitions
-        self._worker = worker
+    node: Node
+    parts: PartRegistry
+    known: Tallies
+    transitions: TransitionStore
+    worker: FileWorker
+
+    def __post_init__(self) -> None:
         self._weight, self._window, self._level = (
-            node.get_parameter(each.name).value for each in LIVE_PARAMETERS
+            self.node.get_parameter(each.name).value for each in LIVE_PARAMETERS
         )
         self._live: dict[str, LivePart] = {}
         self._waiting: deque[tuple[str, ObservedCountsMsg]] = deque(maxlen=MAX_WAITING)
-        self._topics = PartTopics(node, Posterior, POSTERIOR, LATCHED)
+        self._topics = PartTopics(self.node, Posterior, POSTERIOR, LATCHED)
         self._updating = False
-        TopicDiscovery(node, OBSERVED_COUNTS, ObservedCountsMsg, self._receive, qos=COUNTS)
-        self._timer = WorkTimer(node, PERIOD, 'counts are not used', self._start_update)
+        TopicDiscovery(self.node, OBSERVED_COUNTS, ObservedCountsMsg, self._receive, qos=COUNTS)
+        self._timer = WorkTimer(self.node, PERIOD, 'counts are not used', self._start_update)
 
     def counts(self, part: Part) -> tuple[LiveCounts, Mapping[str, Counts]] | None:
         """Return what was counted of a version of a part, and moved by action; None: nothing."""
@@ -216,28 +211,28 @@ class LiveMonitor:
 
     def _current(self, name: str) -> LivePart | None:
         """Return the state of the offered version of a part; None if it is not known yet."""
-        offered, live = self._parts.get(name), self._live.get(name)
+        offered, live = self.parts.get(name), self._live.get(name)
         if offered is None or (live and live.part.part_sha256 == offered.part_sha256):
             return live  # without a simulator, no part is offered
         if live is not None:
-            self._node.get_logger().warning(
+            self.node.get_logger().warning(
                 f'{name} has changed (part_sha256 {offered.part_sha256}): its '
                 f'{live.sessions.parts} counted parts are forgotten'
             )
-        part, aspects = self._parts.version(offered.part_sha256)
+        part, aspects = self.parts.version(offered.part_sha256)
         self._live[name] = LivePart(part, aspects, CountSessions(len(aspects.classes())))
         return self._live[name]
 
     def _take(self, live: LivePart, message: ObservedCountsMsg) -> None:
         """Add the parts of a message; a message that is not valid changes nothing."""
-        now = int(self._node.get_clock().now().nanoseconds)
+        now = int(self.node.get_clock().now().nanoseconds)
         name = live.part.name
         try:
             totals = totals_from(message, name, live.part.part_sha256)
             new = live.sessions.add(totals, now)
         except InvalidValueError as error:
             if live.problem != str(error):
-                self._node.get_logger().warning(f'ignored counts of {name}: {error}')
+                self.node.get_logger().warning(f'ignored counts of {name}: {error}')
             live.problem = str(error)
             return
         live.problem = ''
@@ -249,12 +244,12 @@ class LiveMonitor:
         self._take_waiting()
         if self._live and not self._updating:
             self._updating = True
-            start_task(self._node, 'posteriors are not published', self._update_all)
+            start_task(self.node, 'posteriors are not published', self._update_all)
         return bool(self._live or self._waiting)
 
     async def _update_all(self) -> None:
         for name in list(self._live):
-            update = guarded_task(self._node, 'a posterior is not published', self._update_part)
+            update = guarded_task(self.node, 'a posterior is not published', self._update_part)
             await update(name)
         self._updating = False
 
@@ -262,7 +257,7 @@ class LiveMonitor:
         """Follow the newest simulation, test the new windows, and publish a changed posterior."""
         live = self._current(name)
         assert live is not None  # the name is known
-        newest = self._known.newest(live.part.part_sha256, ended=True)
+        newest = self.known.newest(live.part.part_sha256, ended=True)
         was_drifting = live.is_drifting
         try:
             if newest and (live.known is None or newest.counted is not live.known[1]):
@@ -270,16 +265,16 @@ class LiveMonitor:
                 live.test_problem, live.changed = '', True
                 size = self._window
                 if live.can_drift and not size:
-                    size = await self._worker.run(default_window, live.simulated, self._level)
+                    size = await self.worker.run(default_window, live.simulated, self._level)
                 live.window = size
             untested = live.batches.parts - live.attempted
             if live.can_drift and untested >= max(live.window, 1):  # a failed test is not repeated
                 await self._test(live)
         except RestingAspectsError as error:  # the posterior is published in any case
             live.test_problem = f'drift is not tested: {error}'
-            self._node.get_logger().warning(f'{live.part.name}: {live.test_problem}')
+            self.node.get_logger().warning(f'{live.part.name}: {live.test_problem}')
         if live.is_drifting and live.tested is not None and not was_drifting:
-            self._node.get_logger().warning(f'{live.part.name}: {drift_sentence(live.tested)}')
+            self.node.get_logger().warning(f'{live.part.name}: {drift_sentence(live.tested)}')
         if live.changed and self._live[name] is live:
             self._publish(name, live)
 
@@ -287,7 +282,7 @@ class LiveMonitor:
         """Test all full windows; further ones can become full meanwhile."""
         observed = live.batches.observed(single_groups(live.ids), time_label)
         live.attempted = int(observed.windows(live.window)[1][-1])
-        live.tested = await self._worker.run(
+        live.tested = await self.worker.run(
             drift_test, observed, live.simulated, live.window, self._level
         )
         live.test_problem, live.changed = '', True
@@ -300,14 +295,14 @@ class LiveMonitor:
             live.live(self._weight),
             live.known[0] if live.known else None,
             CONFIDENCE,
-            self._node.get_clock().now().to_msg(),
+            self.node.get_clock().now().to_msg(),
         )
         message.level = self._level
         message.window = live.window if live.can_drift else 0
         if live.tested is not None:
             add_drift(message, live.tested)
         for action, counts in live.sessions.moved.items():
-            known = self._transitions.find(name, live.part.part_sha256, action)
+            known = self.transitions.find(name, live.part.part_sha256, action)
             matrix = transition_matrix_from(known) if known else no_actions(live.aspects)
             add_action(message, action, counts, matrix, known.run.run_id if known else '')
         self._topics.publish(name, message)

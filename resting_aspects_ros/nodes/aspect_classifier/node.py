@@ -157,7 +157,7 @@ class AspectClassifier(Node):
         start_task(self, failure, self._parts.describe, name, data)
 
     def _on_part_read(self, part: Part) -> None:
-        for run in self._known.remove_inconsistent():
+        for run in self._known.remove_inconsistent(part.part_sha256):
             self.get_logger().warning(
                 f'ignored the log of run {run.run_id}: its aspects are not those of {part.name}'
             )

@@ -65,6 +65,7 @@ class _Entry:
     counted: Distribution | None = None
 
 
+@dataclasses.dataclass(eq=False)
 class OutlineStore:
     """Computes the outlines of the offered parts one after another, and publishes them.
 
@@ -72,20 +73,15 @@ class OutlineStore:
     newest : returns the newest distribution of a version of a part by its part_sha256, or None
     """
 
-    def __init__(
-        self,
-        node: Node,
-        files: FileWorker,
-        parts: PartRegistry,
-        newest: Callable[[str], Distribution | None],
-    ) -> None:
-        self._node = node
-        self._files = files
-        self._parts = parts
-        self._newest = newest
+    node: Node
+    files: FileWorker
+    parts: PartRegistry
+    newest: Callable[[str], Distribution | None]
+
+    def __post_init__(self) -> None:
         self._entries: dict[str, _Entry] = {}  # by name, those to be computed last
         self._waiting: list[_Entry] = []
-        self._topics = PartTopics(node, PartOutlines, OUTLINES, LATCHED)
+        self._topics = PartTopics(self.node, PartOutlines, OUTLINES, LATCHED)
 
     def update(self, part: Part) -> None:
         """Compute and publish the outlines of a version of a part, unless they are published."""
@@ -95,7 +91,7 @@ class OutlineStore:
         entry = self._entries[part.name] = _Entry(part)
         self._waiting.append(entry)
         if len(self._waiting) == 1:
-            start_task(self._node, 'no outlines', self._compute_all)
+            start_task(self.node, 'no outlines', self._compute_all)
 
     def known_part(self, part: Part) -> KnownPart:
         """Return the outlines of a part with the current prior shares of its classes.
@@ -110,7 +106,7 @@ class OutlineStore:
             )
         if entry.known is None:
             raise PartError(entry.problem)
-        newest = self._newest(part.part_sha256)
+        newest = self.newest(part.part_sha256)
         if newest is not entry.counted and newest is not None:
             shares = class_shares(entry.known.outlines, newest.counts + PSEUDO_COUNT)
             entry.known = dataclasses.replace(entry.known, shares=shares)
@@ -120,22 +116,22 @@ class OutlineStore:
     async def _compute_all(self) -> None:
         while self._waiting:
             entry = self._waiting[0]
-            compute = guarded_task(self._node, f'no outlines of {entry.part.name}', self._compute)
+            compute = guarded_task(self.node, f'no outlines of {entry.part.name}', self._compute)
             await compute(entry)
             self._waiting.pop(0)
 
     async def _compute(self, entry: _Entry) -> None:
         """Compute the outlines of a part, and publish them when they have been compared."""
         part, name = entry.part, entry.part.name
-        _, aspects = self._parts.version(part.part_sha256)
+        _, aspects = self.parts.version(part.part_sha256)
         outlines: tuple[Outline, ...] = ()
         try:
-            outlines = await self._files.run(checked_outlines, part, aspects)
+            outlines = await self.files.run(checked_outlines, part, aspects)
             basins = class_shares(outlines, [each.basin_share for each in aspects])
             entry.known = KnownPart(part, aspects, outlines, basins)
         except RestingAspectsError as error:
             entry.problem = f'the outlines of {name} cannot be computed: {error}'
-            self._node.get_logger().warning(entry.problem)
+            self.node.get_logger().warning(entry.problem)
         compared = await self._compared(name, outlines)
         if self._entries[name] is entry:  # otherwise the part has changed
             self._topics.publish(name, outlines_msg(part, outlines, compared))
@@ -150,12 +146,12 @@ class OutlineStore:
         found: dict[int, list[LookAlike]] = {each.symmetry_class: [] for each in outlines}
         try:
             for k, one in enumerate(outlines[:-1], start=1):
-                for other in await self._files.run(compare_outlines, one, outlines[k:]):
+                for other in await self.files.run(compare_outlines, one, outlines[k:]):
                     found[one.symmetry_class].append(other)
                     back = dataclasses.replace(other, symmetry_class=one.symmetry_class)
                     found[other.symmetry_class].append(back)
         except RestingAspectsError as error:
-            self._node.get_logger().warning(f'the outlines of {name} are not compared: {error}')
+            self.node.get_logger().warning(f'the outlines of {name} are not compared: {error}')
             return {number: [] for number in found}
         return {k: sorted(each, key=lambda a: -a.overlap) for k, each in found.items()}
 

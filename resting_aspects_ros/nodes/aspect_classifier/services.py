@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -74,36 +75,28 @@ ARRIVAL_TIMEOUT = 5.0
 COUNT_TIMEOUT = 120.0
 
 
+@dataclass(eq=False)
 class DistributionService:
     """Serves get_distribution."""
 
-    def __init__(
-        self,
-        node: Node,
-        surfaces: Surfaces,
-        surroundings: RequestedSurroundings,
-        default: DefaultConditionsSubscriber,
-        tallies: Tallies,
-        client: DropClient,
-        parts: PartRegistry,
-        ranges: ModelRanges,
-    ) -> None:
-        self._node = node
-        self._ranges = ranges
-        self._surfaces = surfaces
-        self._surroundings = surroundings
-        self._default = default
-        self._tallies = tallies
-        self._client = client
-        self._parts = parts
+    node: Node
+    surfaces: Surfaces
+    surroundings: RequestedSurroundings
+    default: DefaultConditionsSubscriber
+    tallies: Tallies
+    client: DropClient
+    parts: PartRegistry
+    ranges: ModelRanges
+
+    def __post_init__(self) -> None:
         self._active: dict[tuple[object, ...], Future] = {}  # done when its drops have arrived
-        self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
-        serve(node, GetDistribution, GET_DISTRIBUTION, self._answer)
+        self._frame = check_frame(self.node.get_parameter(FRAME_ID.name).value)
+        serve(self.node, GetDistribution, GET_DISTRIBUTION, self._answer)
 
     async def _answer(
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> None:
-        stamp = self._node.get_clock().now().to_msg
+        stamp = self.node.get_clock().now().to_msg
         method = requested_estimator(request.method)
         if method is None:
             tally = await self._find_or_drop(request)
@@ -111,8 +104,8 @@ class DistributionService:
             found.header.stamp = stamp()
             response.distribution = found
             return
-        requested = await self._parts.requested(request.part)
-        part, aspects = self._parts.version(requested.part_sha256)
+        requested = await self.parts.requested(request.part)
+        part, aspects = self.parts.version(requested.part_sha256)
         prediction = estimate(RestingShape(part, aspects), method)
         response.distribution = estimate_msg(prediction, part, stamp(), self._frame)
 
@@ -121,10 +114,10 @@ class DistributionService:
         drops = max_drops(request.drops, request.precision, MAX_DROPS)
         check_drops(drops)
         seed = request.seed[0] if request.seed else None
-        parts = await self._parts.usable(request.part)
+        parts = await self.parts.usable(request.part)
         sha = self._version(parts, request.part)
         conditions = await self._conditions(request)
-        found = self._tallies.find(sha, conditions, drops, request.precision, seed)
+        found = self.tallies.find(sha, conditions, drops, request.precision, seed)
         if found is None and request.only_known:
             if parts and not sha:
                 raise unknown_part(request.part, parts)
@@ -134,9 +127,9 @@ class DistributionService:
                 f'at least {request.drops} drops'
             )
         if found is None:
-            await self._client.wait_until_ready()
+            await self.client.wait_until_ready()
             found = await self._extended(request, sha, conditions, drops)
-        await self._ranges.add(found)
+        await self.ranges.add(found)
         return found
 
     async def _extended(
@@ -150,15 +143,15 @@ class DistributionService:
         seed = request.seed[0] if request.seed else DEFAULT_SEED
         key = request.part, conditions.key(), seed
         while (active := self._active.get(key)) is not None:
-            await wait_for(self._node, active, CHECK_PERIOD)
-            known = self._tallies.find(sha, conditions, drops, request.precision, seed)
+            await wait_for(self.node, active, CHECK_PERIOD)
+            known = self.tallies.find(sha, conditions, drops, request.precision, seed)
             if known is not None:
                 return known
-        self._active[key] = finished = Future(executor=self._node.executor)
+        self._active[key] = finished = Future(executor=self.node.executor)
         try:
             known = None
             if not request.precision:
-                known = self._tallies.longest(sha, conditions, seed, __version__)
+                known = self.tallies.longest(sha, conditions, seed, __version__)
             found = await self._drop(request, conditions, seed, drops, known.end if known else 0)
             if not (request.precision or found.reaches(drops, 0.0)):
                 # The simulator has another version, whose drops do not continue those known.
@@ -185,39 +178,39 @@ class DistributionService:
             drops=drops - first,
             precision=request.precision,
         )
-        result = await self._client.drop(goal)
+        result = await self.client.drop(goal)
         goal.run_id, end = result.run_id, first + result.drops
 
         def missing() -> list[tuple[int, int]]:
-            tally = self._tallies.by_run(result.run_id)
+            tally = self.tallies.by_run(result.run_id)
             return [(first, end)] if tally is None else tally.seen.missing(first, end)
 
-        if not await self._client.arrived(lambda: not missing(), ARRIVAL_TIMEOUT):
-            await self._client.request_again(goal, missing)
-        tally = self._tallies.by_run(result.run_id)
-        if tally is not None and await self._client.arrived(
+        if not await self.client.arrived(lambda: not missing(), ARRIVAL_TIMEOUT):
+            await self.client.request_again(goal, missing)
+        tally = self.tallies.by_run(result.run_id)
+        if tally is not None and await self.client.arrived(
             lambda: tally.distribution is not None and tally.end >= end, COUNT_TIMEOUT
         ):
             return tally
-        reason = self._parts.problem(request.part)
+        reason = self.parts.problem(request.part)
         raise EngineError(reason or f'the drops of run {result.run_id} could not be counted')
 
     async def _conditions(self, request: GetDistribution.Request) -> DropConditions:
         if request.surface or request.conditions:
-            default = self._surfaces.get()  # not used
+            default = self.surfaces.get()  # not used
         else:
-            if not self._default.is_received:
-                await self._client.wait_until_ready()
-            default = await self._default.conditions()
-        return await self._surroundings.conditions(self._surfaces, request, default)
+            if not self.default.is_received:
+                await self.client.wait_until_ready()
+            default = await self.default.conditions()
+        return await self.surroundings.conditions(self.surfaces, request, default)
 
     def _version(self, parts: Mapping[str, Part], name: str) -> str:
         """Return the part_sha256 that is offered, else the one dropped last; empty if none."""
         if name in parts:
             return parts[name].part_sha256
-        if self._client.is_ready():
+        if self.client.is_ready():
             return ''
-        return self._tallies.sha_of(name)
+        return self.tallies.sha_of(name)
 
 
 @lru_cache(MAX_MESSAGES)
@@ -266,26 +259,22 @@ MAX_WAITING = 20
 Live = tuple[LiveCounts, Counts | None]
 
 
+@dataclass(eq=False)
 class ForecastService:
     """Serves forecast.
 
     worker : computes, so that a forecast does not block the node
     """
 
-    def __init__(
-        self,
-        node: Node,
-        parts: PartRegistry,
-        transitions: TransitionStore,
-        monitor: LiveMonitor,
-        worker: FileWorker,
-    ) -> None:
-        self._parts = parts
-        self._transitions = transitions
-        self._monitor = monitor
-        self._worker = worker
+    node: Node
+    parts: PartRegistry
+    transitions: TransitionStore
+    monitor: LiveMonitor
+    worker: FileWorker
+
+    def __post_init__(self) -> None:
         self._waiting = 0
-        serve(node, FeederForecast, FORECAST, self._forecast)
+        serve(self.node, FeederForecast, FORECAST, self._forecast)
 
     async def _forecast(
         self, request: FeederForecast.Request, response: FeederForecast.Response
@@ -302,19 +291,19 @@ class ForecastService:
 
     async def _answer(self, request: FeederForecast.Request) -> dict[str, Any]:
         """Return the fields of the response; raises RestingAspectsError."""
-        matrix = await self._transitions.newest(request.part, request.action)
-        if self._parts.aspects(matrix.run.part_sha256) is None:
+        matrix = await self.transitions.newest(request.part, request.action)
+        if self.parts.aspects(matrix.run.part_sha256) is None:
             raise NotAvailableError(
                 f'the version of {request.part} whose transitions are known is not offered'
             )
-        part, _ = self._parts.version(matrix.run.part_sha256)
+        part, _ = self.parts.version(matrix.run.part_sha256)
         live: Live | None = None
         if request.use_counts:
-            counted = self._monitor.counts(part)
+            counted = self.monitor.counts(part)
             if counted is None:
                 raise NotAvailableError(f'no counts of {request.part} have arrived')
             live = counted[0], counted[1].get(matrix.action.name)
-        found = await self._worker.run(response_fields, request, part, matrix, live)
+        found = await self.worker.run(response_fields, request, part, matrix, live)
         return {**found, 'counted_parts': live[0].parts if live else 0}
 
 

@@ -168,11 +168,11 @@ class GoalServer:
         raise NotImplementedError
 
     async def _chunks(
-        self, job: DropJob, requested: RunDescription, stopped: Callable[[], bool]
+        self, job: DropJob, requested: RunDescription, handle: ServerGoalHandle
     ) -> AsyncGenerator[RestingPoses, None]:
         """Yield chunks of drops in order; raises EngineError if the workers fail or die.
 
-        Ends early if ``stopped`` returns True, also while a chunk is simulated.
+        Ends early if the goal is canceled, also while a chunk is simulated.
         """
         warn = self._node.get_logger().warning
         with closing(drop_chunks(job, requested, self._resources.workers, warn)) as steps:
@@ -181,9 +181,11 @@ class GoalServer:
                     yield step
                     continue
                 done = ros_future(self._node, step)  # drop_chunks handles its exception
-                while not (stopped() or await wait_for(self._node, done, CANCEL_PERIOD)):
+                while not (
+                    handle.is_cancel_requested or await wait_for(self._node, done, CANCEL_PERIOD)
+                ):
                     pass
-                if stopped():
+                if handle.is_cancel_requested:
                     return
 
     def _publish_surroundings(self, run: RunDescription, scene: Scene) -> None:
@@ -214,10 +216,6 @@ class DropGoal:
         self.requested = requested
         self.result = DropPart.Result(run_id=requested.run_id)
         self._start = time.monotonic()
-
-    def canceled(self) -> bool:
-        """Return whether the goal was canceled."""
-        return bool(self.handle.is_cancel_requested)
 
     def add(self, chunk: RestingPoses) -> None:
         """Count the drops of a chunk and send feedback."""
@@ -326,7 +324,7 @@ class DropServer(GoalServer):
         waiting: list[RestingPoses] = []
         since = 0.0
         try:
-            chunks = self._chunks(job, requested, goal.canceled)
+            chunks = self._chunks(job, requested, goal.handle)
             async with aclosing(chunks):
                 async for chunk in chunks:
                     self.drops.add(len(chunk))
@@ -380,34 +378,27 @@ def requested_action(action: FeederAction) -> NamedAction:
 
 
 def plan_goal(
-    part: Part,
-    action: NamedAction,
-    conditions: DropConditions,
-    goal: ReorientPart.Goal,
-) -> tuple[PlannedDrops, int, PlannedActions | None]:
-    """Return the drops, the number of actions and the actions; runs in a FileWorker.
-
-    In surroundings, actions start from the resting poses of the drops, so that they are None
-    here; see plan_from_rests.
-    """
+    part: Part, action: NamedAction, conditions: DropConditions, goal: ReorientPart.Goal
+) -> tuple[PlannedDrops, int]:
+    """Return the drops and the number of actions, which are checked; runs in a FileWorker."""
     drops = plan_drops(part, conditions, drops=goal.drops, seed=goal.seed)
-    if conditions.surroundings is None:
-        actions = plan_from_rests(part, action, conditions, goal, None)
-        return drops, actions.run.drops, actions
     _, aspects, per_aspect = check_actions(
         part, action, conditions, per_aspect=goal.per_aspect, precision=goal.precision
     )
-    return drops, per_aspect * len(aspects), None
+    return drops, per_aspect * len(aspects)
 
 
-def plan_from_rests(
+def plan_after_drops(
     part: Part,
     action: NamedAction,
     conditions: DropConditions,
     goal: ReorientPart.Goal,
     rests: RestingPoses | None,
 ) -> PlannedActions:
-    """Return the actions of a goal from resting poses in surroundings; runs in a FileWorker."""
+    """Return the actions of a goal; runs in a FileWorker.
+
+    rests : in surroundings, the resting poses from which they start
+    """
     return plan_actions(
         part,
         action,
@@ -433,14 +424,10 @@ class ReorientGoal:
         self.feedback = ReorientPart.Feedback()
         self._start: float | None = None
 
-    def canceled(self) -> bool:
-        """Return whether the goal was canceled."""
-        return bool(self.handle.is_cancel_requested)
-
     def check(self) -> None:
         """Raise CanceledError if the goal was canceled; describes the actions made."""
         made = self.feedback.done
-        if self.canceled():
+        if self.handle.is_cancel_requested:
             raise CanceledError(
                 f'canceled after {made} of {self.feedback.total} actions; these are kept'
                 if made
@@ -487,12 +474,11 @@ class ReorientServer(GoalServer):
         action = requested_action(goal.request.action)
         conditions = await self._resources.conditions(goal.request)
         given = (part, action, conditions, goal.request)
-        drops, goal.feedback.total, planned = await self._files.run(plan_goal, *given)
+        drops, goal.feedback.total = await self._files.run(plan_goal, *given)
         self._topics.offer(part.name)  # before the drops, so that subscribers miss nothing
         dropped, rests = await self._drop(goal, drops)
-        if planned is None:
-            planned = await self._files.run(plan_from_rests, *given, rests)
-            self._publish_surroundings(planned.run, planned.job.scene)
+        planned = await self._files.run(plan_after_drops, *given, rests)
+        self._publish_surroundings(planned.run, planned.job.scene)
         error: Exception | None = None
         try:
             await self._act(goal, planned, part, dropped)
@@ -513,7 +499,7 @@ class ReorientServer(GoalServer):
     ) -> tuple[Distribution, RestingPoses | None]:
         """Return the distribution of the drops of a goal, and their poses in surroundings."""
         total, kept = planned.empty, []
-        chunks = self._chunks(planned.job, planned.run, goal.canceled)
+        chunks = self._chunks(planned.job, planned.run, goal.handle)
         async with aclosing(chunks):
             async for chunk in chunks:
                 total += count_poses(total.aspects, chunk)
@@ -528,7 +514,7 @@ class ReorientServer(GoalServer):
     ) -> None:
         """Make and count the actions of a goal; raises CanceledError and EngineError."""
         tally, published = planned.tally, time.monotonic()
-        chunks = self._chunks(planned.job, planned.run, goal.canceled)
+        chunks = self._chunks(planned.job, planned.run, goal.handle)
         try:
             async with aclosing(chunks):
                 async for chunk in chunks:
