@@ -90,11 +90,10 @@ def test_drops_that_do_not_continue_others_are_another_tally(run, take, tallies,
     take(run('a', 0, 20), 0, 20, last=True)
     apart = take(run('b', 40, 60), 40, 60, last=True)
     assert (apart.first, apart.drops, len(tallies)) == (40, 20, 2)
-    asked, version = (solid.part_sha256, run().conditions), run().suite_version
+    asked = solid.part_sha256, run().conditions
     assert tallies.find(*asked, 20, 0.0, 1).first == 0
-    assert tallies.longest(*asked, 1, version).end == 20
-    assert tallies.longest(*asked, 1, 'another') is None
-    assert tallies.longest(*asked, 2, version) is None
+    assert tallies.find(*asked, 1, 0.0, 1).end == 20
+    assert tallies.find(*asked, 1, 0.0, 2) is None
 
 
 def test_a_precision_widens_the_intervals_from_then_on(run, take):

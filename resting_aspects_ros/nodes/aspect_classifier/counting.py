@@ -310,23 +310,13 @@ class Tallies:
         A tally matches if it has at least the requested drops, or the requested precision. With a
         seed, only one of this seed matches that starts with drop 0.
         """
+        requested = part_sha256, conditions.key()
         matching = [
             tally
-            for tally in self._under(part_sha256, conditions)
-            if (seed is None or (tally.run.seed, tally.first) == (seed, 0))
+            for tally in self._all
+            if tally.sequence[:2] == requested
+            and (seed is None or (tally.run.seed, tally.first) == (seed, 0))
             and tally.reaches(drops, precision)
-        ]
-        return max(matching, key=_most_drops, default=None)
-
-    def longest(
-        self, part_sha256: str, conditions: DropConditions, seed: int, version: str
-    ) -> Tally | None:
-        """Return the tally of a seed and version of the suite that further drops can continue."""
-        matching = [
-            tally
-            for tally in self._under(part_sha256, conditions)
-            if (tally.run.seed, tally.first, tally.run.suite_version) == (seed, 0, version)
-            and tally.drops
         ]
         return max(matching, key=_most_drops, default=None)
 
@@ -344,10 +334,6 @@ class Tallies:
             return None
         key = max(of_part, key=_start_order).run.conditions.key()
         return max((each for each in of_part if each.run.conditions.key() == key), key=_most_drops)
-
-    def _under(self, part_sha256: str, conditions: DropConditions) -> list[Tally]:
-        requested = part_sha256, conditions.key()
-        return [tally for tally in self._all if tally.sequence[:2] == requested]
 
     def sha_of(self, name: str) -> str:
         """Return the part_sha256 of the newest run of a part; empty without any."""

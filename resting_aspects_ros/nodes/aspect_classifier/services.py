@@ -149,10 +149,11 @@ class DistributionService:
                 return known
         self._active[key] = finished = Future(executor=self.node.executor)
         try:
-            known = None
-            if not request.precision:
-                known = self.tallies.longest(sha, conditions, seed, __version__)
-            found = await self._drop(request, conditions, seed, drops, known.end if known else 0)
+            first = 0
+            known = self.tallies.find(sha, conditions, 1, 0.0, seed)
+            if known and not request.precision and known.run.suite_version == __version__:
+                first = known.end
+            found = await self._drop(request, conditions, seed, drops, first)
             if not (request.precision or found.reaches(drops, 0.0)):
                 # The simulator has another version, whose drops do not continue those known.
                 found = await self._drop(request, conditions, seed, drops, 0)
