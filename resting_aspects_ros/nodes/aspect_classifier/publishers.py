@@ -3,7 +3,6 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -195,29 +194,22 @@ def serialized_markers(description: bytes, radius: float) -> bytes:
     return bytes(serialize_message(surroundings_markers(message_from(description), radius)))
 
 
-@dataclass(eq=False)
 class SurroundingsMarkers:
     """Publishes surroundings_markers: the surroundings of the run whose distribution changed last.
 
     files : creates the markers, so that a mesh cannot block the node
     """
 
-    node: Node
-    parts: PartRegistry
-    files: FileWorker
-
-    def __post_init__(self) -> None:
-        self._publisher = advertise(self.node, MarkerArray, SURROUNDINGS_MARKERS, LATCHED)
+    def __init__(self, node: Node, parts: PartRegistry, files: FileWorker) -> None:
+        self._node = node
+        self._parts = parts
+        self._files = files
+        self._publisher = advertise(node, MarkerArray, SURROUNDINGS_MARKERS, LATCHED)
         self._descriptions: dict[str, bytes] = {}  # by run id
         self._wanted: RunDescription | None = None
         self._shown = b''  # the description
         TopicDiscovery(
-            self.node,
-            SURROUNDINGS,
-            SurroundingsDescription,
-            self._take,
-            raw=True,
-            qos=SURROUNDINGS_QOS,
+            node, SURROUNDINGS, SurroundingsDescription, self._take, raw=True, qos=SURROUNDINGS_QOS
         )
 
     def show(self, run: RunDescription) -> None:
@@ -228,13 +220,13 @@ class SurroundingsMarkers:
             return
         self._shown = description
         if description:
-            start_task(self.node, 'surroundings are not shown', self._publish, run, description)
+            start_task(self._node, 'surroundings are not shown', self._publish, run, description)
         else:
             self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
 
     async def _publish(self, run: RunDescription, description: bytes) -> None:
-        part, _ = self.parts.version(run.part_sha256)
-        data = await self.files.run(serialized_markers, description, part.hull_radius)
+        part, _ = self._parts.version(run.part_sha256)
+        data = await self._files.run(serialized_markers, description, part.hull_radius)
         if self._shown == description:
             self._publisher.publish(data)
 

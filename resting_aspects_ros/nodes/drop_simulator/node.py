@@ -1,7 +1,6 @@
 """The drop_simulator node: offers parts, drops them and publishes their resting poses."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +61,6 @@ def load(folder: Path, name: str) -> Part:
     return PartLibrary(folder).load(name)
 
 
-@dataclass(eq=False)
 class PartPublisher:
     """Publishes parts/<part> for every part of a folder, and updates them when files change.
 
@@ -72,20 +70,19 @@ class PartPublisher:
     files : reads the folder, so that a file cannot block the node
     """
 
-    node: Node
-    folder: Path
-    files: FileWorker
-
-    def __post_init__(self) -> None:
+    def __init__(self, node: Node, folder: Path, files: FileWorker) -> None:
+        self._node = node
+        self._folder = folder
+        self._files = files
         self._stamps: dict[str, Stamp] = {}  # of the files that were read last
         self._parts: dict[str, Part] = {}
         self._failed: dict[str, RestingAspectsError] = {}
-        self._topics = PartTopics(self.node, PartDescription, PARTS, LATCHED)
+        self._topics = PartTopics(node, PartDescription, PARTS, LATCHED)
         self._logged: set[str] = set()
         self._scanning = False
         self.not_offered: dict[str, str] = {}
         self.ready = Future()
-        self._timer = steady_timer(self.node, 0.0, self._start_scan)
+        self._timer = steady_timer(node, 0.0, self._start_scan)
 
     def __len__(self) -> int:
         return len(self._parts)
@@ -100,15 +97,15 @@ class PartPublisher:
         if name in self._failed:
             raise type(self._failed[name])(str(self._failed[name]))
         if name not in self._parts:  # a new file, or an error that lists the known parts
-            self._offer(await self.files.run(load, self.folder, name))
+            self._offer(await self._files.run(load, self._folder, name))
         return self._parts[name]
 
     def _start_scan(self) -> None:
-        self.node.destroy_timer(self._timer)
-        self._timer = steady_timer(self.node, SCAN_PERIOD, self._start_scan)
+        self._node.destroy_timer(self._timer)
+        self._timer = steady_timer(self._node, SCAN_PERIOD, self._start_scan)
         if not self._scanning:
             self._scanning = True
-            start_task(self.node, 'scan of parts_folder failed', self._scan_folder)
+            start_task(self._node, 'scan of parts_folder failed', self._scan_folder)
 
     async def _scan_folder(self) -> None:
         try:
@@ -120,9 +117,9 @@ class PartPublisher:
 
     async def _update(self) -> None:
         try:
-            stamps, not_registered, problems = await self.files.run(scan, self.folder)
+            stamps, not_registered, problems = await self._files.run(scan, self._folder)
         except RestingAspectsError as error:
-            self._warn_once(f'parts_folder {str(self.folder)!r}: {error}')
+            self._warn_once(f'parts_folder {str(self._folder)!r}: {error}')
             return
         for problem in problems:
             self._warn_once(problem)
@@ -137,7 +134,7 @@ class PartPublisher:
     async def _read(self, name: str, stamp: Stamp) -> None:
         """Read the files of one part; an error in them does not affect other parts."""
         try:
-            part: Part = await self.files.run(load, self.folder, name)
+            part: Part = await self._files.run(load, self._folder, name)
         except RestingAspectsError as error:
             self._remove(name)
             if isinstance(error, FileLimitError):
@@ -167,7 +164,7 @@ class PartPublisher:
     def _warn_once(self, problem: str) -> None:
         if problem not in self._logged:
             self._logged.add(problem)
-            self.node.get_logger().warning(problem)
+            self._node.get_logger().warning(problem)
 
 
 PARAMETERS = (
