@@ -105,7 +105,7 @@ def _part_mesh(part: Part, orientation: Array, place: Array, colour: Array) -> M
     return rotate(orientation, part.vertices) + place, faces, np.tile(colour, (len(faces), 1))
 
 
-def _axes(normal: Array) -> Array:
+def plane_axes(normal: Array) -> Array:
     """Return (2, 3) unit vectors along a plane; the first is level."""
     level = np.cross([0.0, 0.0, 1.0], normal)
     first = np.array([1.0, 0.0, 0.0]) if np.linalg.norm(level) < 1e-6 else level
@@ -123,14 +123,14 @@ def _patch(
 ) -> Mesh:
     """Return a square of the plane below the part, as far as it is outside the other bodies."""
     middle = centre - plane.normal * (centre @ plane.normal - plane.offset)
-    u, v = _axes(plane.normal) * (PATCH * radius)
+    u, v = plane_axes(plane.normal) * (PATCH * radius)
     polygon = [middle + a * u + b * v for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     for other in others:
-        polygon = _clipped(polygon, other)
+        polygon = clipped(polygon, other)
     return _fan(np.array(polygon).reshape(-1, 3), colour)
 
 
-def _clipped(polygon: list[Array], plane: ContactPlane) -> list[Array]:
+def clipped(polygon: list[Array], plane: ContactPlane) -> list[Array]:
     """Return the part of a polygon on the side to which the normal of a plane points."""
     kept: list[Array] = []
     for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True):
@@ -146,7 +146,7 @@ def _contact(plane: ContactPlane, corners: Array, radius: float, colour: Array) 
     """Return the area in which the hull touches the plane, enlarged by a rim, just above it."""
     heights = corners @ plane.normal - plane.offset
     touching = corners[heights <= heights.min() + TOUCHING * radius]
-    axes = _axes(plane.normal)
+    axes = plane_axes(plane.normal)
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     disc = RIM * radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     flat = ((touching @ axes.T)[:, None] + disc).reshape(-1, 2)

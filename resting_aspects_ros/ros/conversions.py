@@ -344,12 +344,6 @@ def _body_msg(scene: Scene, body: SceneBody) -> SurroundingsBody:
     return message
 
 
-def triangles_in_tray(scene: Scene, body: SceneBody) -> Array:
-    """Return the triangles (m, 3, 3) of a block or a mesh in the tray frame, m."""
-    vertices, triangles = _surface(body)
-    return scene.in_tray(vertices)[triangles]
-
-
 def _surface(body: SceneBody) -> tuple[Array, npt.NDArray[np.int64]]:
     """Return vertices, scene frame, and triangles of a block or a mesh."""
     if isinstance(body, MeshBody):

@@ -31,10 +31,7 @@ def test_nodes_publish_diagnostics(suite, diagnostics):
         assert level == DiagnosticStatus.OK
         assert re.fullmatch(r'tetrahedron: \d+ of 2000000 drops', message)
         assert values['active runs'] == '1'
-        assert re.fullmatch(rf'{message}, run \w+', values['run 1'])
     file = values['log files']
-    key = 'drops per second of run 1'
-    diagnostics.wait('drop_simulator', lambda *status: float(status[2][key]) > 0, 'its rate')
     suite.client.canceled(drop)
     assert drop.result.run_id in file
     for node, key in (
