@@ -18,14 +18,12 @@ from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from io import TextIOWrapper
-from pathlib import Path
 from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT, tables_written
 from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS, ROS
 from resting_aspects_ros.errors import (
-    MAX_PATH,
     InvalidValueError,
     NoLogError,
     PartError,
@@ -41,12 +39,6 @@ from resting_aspects_ros.system import SIGNALS, catch
 
 MAX_LINE = 2000
 INSTALL_ROS = 'run `make setup` in a clone of the suite, or use an installed ROS 2 Jazzy'
-MIN_MEMORY = 512 << 20  # bytes
-# Messages of the dynamic linker, of C libraries and of Python if a thread or memory is refused.
-_NO_MEMORY = re.compile(
-    'failed to map segment|annot allocate|nable to allocate|can.t start new thread|bad_alloc'
-)
-_WRITE_ERRORS = {errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
@@ -69,13 +61,10 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(**options, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
-        if re.fullmatch(r'unrecognized arguments:[ \d,]+', message):
-            message += '; several numbers are separated by commas without spaces, such as 1,3'
-        elif unknown := re.match(r'unrecognized arguments: (--[a-z-]+)', message):
+        if unknown := re.match(r'unrecognized arguments: (--[a-z-]+)', message):
             message += did_you_mean(unknown[1], self.flags)
-        self.exit(
-            WRONG_INPUT, f'error: {_line(message)} (see {self.helpful or self.prog} --help)\n'
-        )
+        text = f'{one_line(message, MAX_LINE)} (see {self.helpful or self.prog} --help)'
+        self.exit(WRONG_INPUT, f'error: {text}\n')
 
 
 def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
@@ -99,7 +88,6 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
         )
     for command in COMMANDS:
         if command == requested:
-            _check_memory()
             module = import_module(f'resting_aspects_ros.cli.verbs.{command}')
             subparser = subparsers.add_parser(
                 command,
@@ -127,7 +115,6 @@ def _listed_commands() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    _open_closed_streams()
     if isinstance(sys.stdout, TextIOWrapper):
         # Output contains file names, which the terminal's encoding may not represent.
         sys.stdout.reconfigure(errors='backslashreplace')
@@ -160,6 +147,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         return _end(INTERRUPTED, str(interrupt) or 'interrupted')
+    except StoppedError as error:
+        return _end(INTERRUPTED, str(error))
     except Exception as error:  # noqa: BLE001 an unknown error is raised again
         return _end(*_outcome(error))
     return code
@@ -182,35 +171,6 @@ def _check_ros(command: str) -> None:
             raise RestingAspectsError(f'{command} needs {package}: {INSTALL_ROS}')
 
 
-def _check_memory() -> None:
-    """Raise RestingAspectsError if memory is so limited that importing OpenBLAS ends or hangs."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY and limit < MIN_MEMORY:
-        raise RestingAspectsError(
-            f'memory is limited to {limit >> 20} MiB (ulimit -v): expected at least '
-            f'{MIN_MEMORY >> 20} MiB'
-        )
-
-
-def _open_closed_streams() -> None:
-    """Open the null device in place of closed standard streams.
-
-    Otherwise the next file that is opened takes the place of the stream. Standard output is opened
-    for reading, so that writing the result fails as it does for any other program.
-    """
-    for number, name in enumerate(('stdin', 'stdout', 'stderr')):
-        if getattr(sys, name) is None:
-            null = os.open(os.devnull, os.O_WRONLY if name == 'stderr' else os.O_RDONLY)
-            os.dup2(null, number)
-            os.set_inheritable(number, True)
-            mode = 'r' if name == 'stdin' else 'w'
-            setattr(sys, name, open(number, mode, encoding='utf-8', closefd=False))  # noqa: SIM115
-
-
 def _discard_output() -> None:
     """Keep the interpreter from writing the rest of the output again as it ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -218,48 +178,27 @@ def _discard_output() -> None:
 
 def _outcome(error: Exception) -> tuple[int, str]:
     """Return exit code and message of an error; raises an unexpected error again."""
-    if _is_of_memory(error):
-        return FAILED, 'error: there is not enough memory'
-    if isinstance(error, ModuleNotFoundError) and _is_of_ros(error.name or ''):
-        return FAILED, f'error: this needs {error.name}: {INSTALL_ROS}'
+    code, text = FAILED, str(error)
     if isinstance(error, PartError | UnknownPartError | InvalidValueError | NoLogError):
-        return WRONG_INPUT, f'error: {error}'
-    if isinstance(error, StoppedError):
-        return INTERRUPTED, str(error)
-    if isinstance(error, RestingAspectsError):
-        return FAILED, f'error: {error}'
-    if isinstance(error, OSError):
-        return FAILED, f'error: {_place(error)}{error.strerror or error}'
-    raise error
+        code = WRONG_INPUT
+    elif isinstance(error, MemoryError):
+        text = 'there is not enough memory'
+    elif isinstance(error, ModuleNotFoundError) and _is_of_ros(error.name or ''):
+        text = f'this needs {error.name}: {INSTALL_ROS}'
+    elif isinstance(error, OSError):
+        place = f'{error.filename!r}: ' if error.filename else ''
+        if not place and error.errno == errno.ENOSPC:  # errors of other files have a path
+            _discard_output()
+            place = 'standard output: '
+        text = f'{place}{error.strerror or error}'
+    elif not isinstance(error, RestingAspectsError):
+        raise error
+    return code, f'error: {text}'
 
 
 def _is_of_ros(module: str) -> bool:
     """Return whether a module belongs to ROS or to the messages of the suite."""
     return module.partition('.')[0].endswith(('rclpy', '_interfaces', '_msgs', '_srvs'))
-
-
-def _is_of_memory(error: BaseException | None) -> bool:
-    """Return whether an error, or one of its causes, reports that memory was refused."""
-    while error is not None:
-        refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
-        if isinstance(error, MemoryError) or refused or _NO_MEMORY.search(str(error)):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
-
-
-def _place(error: OSError) -> str:
-    """Return the file or stream that could not be read or written."""
-    if error.filename:
-        return f'{error.filename!r}: '
-    if error.errno in _WRITE_ERRORS:  # errors of other files have a path
-        _discard_output()
-        return 'standard output: '
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return 'the working folder: '
-    return ''
 
 
 def _joined(argv: Sequence[str]) -> list[str]:
@@ -277,11 +216,5 @@ def _joined(argv: Sequence[str]) -> list[str]:
 
 def _end(code: int, message: str) -> int:
     with suppress(OSError):  # the terminal is closed
-        print(_line(message), file=sys.stderr)
+        print(one_line(message, MAX_LINE), file=sys.stderr)
     return code
-
-
-def _line(message: str) -> str:
-    """Return a message as one short line without control characters."""
-    message = re.sub(rf'\S{{{MAX_PATH + 1},}}', lambda word: shown(word[0])[1:-1], message)
-    return one_line(message, MAX_LINE)

@@ -20,7 +20,6 @@ from resting_aspects_ros.simulation.conditions import (
     DropConditions,
     HeightOf,
     Quantity,
-    check_drops,
 )
 
 if TYPE_CHECKING:
@@ -54,6 +53,27 @@ def add_share(
     parser.add_argument(flag, metavar=metavar, type=share, default=default, help=text)
 
 
+def add_number(
+    parser: 'argparse._ActionsContainer',
+    flag: str,
+    unit: str,
+    text: str,
+    *,
+    default: str | None = None,
+) -> None:
+    """Add a flag whose value is a number with a unit, such as 60mm; it becomes a float in SI."""
+    number = partial(parse_quantity, flag, unit=unit)
+    parser.add_argument(flag, metavar=unit.upper() or 'X', type=number, default=default, help=text)
+
+
+def add_numbers(
+    parser: 'argparse._ActionsContainer', flag: str, metavar: str, text: str, action: str = 'store'
+) -> None:
+    """Add a flag whose value is numbers, such as 1,3."""
+    numbers = partial(parse_numbers, flag)
+    parser.add_argument(flag, metavar=metavar, type=numbers, action=action, help=text)
+
+
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the part, a name or a file; see `part.library`."""
     parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
@@ -79,10 +99,7 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
 
 
 def requested_part(arguments: argparse.Namespace, given: str | None = None) -> 'Part':
-    """Return the part that the flags request, or a ``given`` one with their unit and body.
-
-    Raises RestingAspectsError.
-    """
+    """Return the part that the flags request, or a ``given`` one with their unit and body."""
     # This import is slow because of NumPy, which --help does not need.
     from resting_aspects_ros.part.library import load_part
 
@@ -121,15 +138,7 @@ def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
 
 
 def add_out(parser: argparse.ArgumentParser, text: str, page: str = '') -> None:
-    """Add --out, and --report if the command can write a page.
-
-    Parameters
-    ----------
-    text : str
-        What is written.
-    page : str
-        Name of the page, and what it shows.
-    """
+    """Add --out, which writes what ``text`` says, and --report for a ``page``."""
     parser.add_argument('--out', metavar='DIR', type=Path, help=text)
     if page:
         parser.add_argument(
@@ -203,7 +212,6 @@ def add_contact_conditions(parser: argparse.ArgumentParser) -> None:
     """Add --surface and a flag for each condition that matters for parts at rest, too."""
     contact = {name: each for name, each in QUANTITIES.items() if not each.at_release}
     _add_surface(parser, 'conditions of the contact', contact, DEFAULT_SURFACE)
-    parser.set_defaults(**dict.fromkeys([*QUANTITIES.keys() - contact.keys(), 'height_of']))
 
 
 def _add_surface(
@@ -297,10 +305,10 @@ def changed_conditions(arguments: argparse.Namespace) -> dict[str, object]:
     changes: dict[str, object] = {
         name: parse_quantity(flag_of(name), text, quantity.unit)
         for name, quantity in QUANTITIES.items()
-        if (text := getattr(arguments, name)) is not None
+        if (text := getattr(arguments, name, None)) is not None
     }
-    if arguments.height_of is not None:
-        changes['height_of'] = HeightOf[arguments.height_of]
+    if (height_of := getattr(arguments, 'height_of', None)) is not None:
+        changes['height_of'] = HeightOf[height_of]
     return changes
 
 
@@ -316,7 +324,7 @@ def add_ros_args(parser: argparse.ArgumentParser) -> None:
 
 
 def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
-    """Add --drops, --precision and --seed, each None by default; see requested_number."""
+    """Add --drops, --precision and --seed."""
     add_integer(
         parser,
         '--drops',
@@ -333,27 +341,6 @@ def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
     add_integer(
         parser, '--seed', f'the same seed gives the same drops ({default_seed})', metavar='S'
     )
-
-
-def requested_number(arguments: argparse.Namespace) -> tuple[int, float]:
-    """Return the number of drops and the precision that the flags request; 0: not given."""
-    precision = requested_precision(arguments)
-    if not precision:
-        return DEFAULT_DROPS if arguments.drops is None else arguments.drops, 0.0
-    if arguments.drops is not None:
-        check_drops(arguments.drops)
-    return arguments.drops or 0, precision
-
-
-def requested_precision(arguments: argparse.Namespace) -> float:
-    """Return the precision that the flags request, 0 without one; raises InvalidValueError."""
-    if arguments.precision is None:
-        return 0.0
-    # This import is slow, and --help does not need it.
-    from resting_aspects_ros.statistics.intervals import check_precision
-
-    check_precision(arguments.precision)
-    return float(arguments.precision)
 
 
 def refuse(

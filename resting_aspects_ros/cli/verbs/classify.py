@@ -6,15 +6,9 @@ from pathlib import Path
 from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
 from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import (
-    add_output,
-    add_part_place,
-    add_surroundings,
-    refuse,
-    requested_part,
-)
 from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.part.part import Part
@@ -48,15 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'column status, only rows with SETTLED are sorted',
     )
     parser.add_argument('--part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
-    add_part_place(parser)
-    add_surroundings(parser)
+    options.add_part_place(parser)
+    options.add_surroundings(parser)
     parser.add_argument(
         '--tolerance',
         metavar='DEG',
         help='poses whose down directions are at most this apart belong to one cluster, and so '
         'do chains of such poses (5): 1 to 30 degrees',
     )
-    add_output(parser, each=False)
+    options.add_output(parser, each=False)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -81,8 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _part(arguments: argparse.Namespace) -> Part | None:
     if arguments.part is not None:
-        return requested_part(arguments)
-    refuse(arguments, ('unit', 'body', 'parts'), 'with --part')
+        return options.requested_part(arguments)
+    options.refuse(arguments, ('unit', 'body', 'parts'), 'with --part')
     return None
 
 

@@ -3,20 +3,8 @@
 import argparse
 from pathlib import Path
 
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.life_cycle import session
-from resting_aspects_ros.cli.options import (
-    add_conditions,
-    add_confidence,
-    add_engine,
-    add_integer,
-    add_model_range,
-    add_out,
-    add_output,
-    add_part_place,
-    add_run,
-    add_surroundings,
-    add_workers,
-)
 from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, Noise, quantities_of
 
 DESCRIPTION = """Drop a part many times in simulation and show in which aspects it comes
@@ -47,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='name of a part, or a mesh file; several of them, or a folder of mesh files, are a '
         'batch with an index page',
     )
-    add_part_place(parser)
+    options.add_part_place(parser)
     parser.add_argument(
         '--from-log',
         metavar='LOG',
@@ -55,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='repeat the drops recorded in a log, with its part, conditions and seed; the poses '
         'are the same',
     )
-    add_run(parser, str(DEFAULT_SEED))
+    options.add_run(parser, str(DEFAULT_SEED))
     states = parser.add_argument_group('given initial states, instead of random releases')
     states.add_argument(
         '--initial-states',
@@ -64,23 +52,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='start from the poses and velocities in a CSV with the columns z_com_m, qx, qy, qz, '
         'qw and, if needed, x_m, y_m, vx, vy, vz, wx, wy, wz',
     )
-    add_integer(states, '--replicates', 'number of drops from each state (1)')
+    options.add_integer(states, '--replicates', 'number of drops from each state (1)')
     for name, quantity in quantities_of(Noise).items():
-        states.add_argument(
-            f'--noise-{name}',
-            metavar=quantity.unit.upper(),
-            help=f'standard deviation of the {quantity.text} in each axis (0)',
-        )
+        text = f'standard deviation of the {quantity.text} in each axis (0)'
+        options.add_number(states, f'--noise-{name}', quantity.unit, text)
     parser.add_argument(
         '--interval',
         choices=('wilson', 'simultaneous'),
         default='wilson',
         help='intervals of each aspect by itself, or intervals that hold simultaneously (wilson)',
     )
-    add_confidence(parser)
-    add_engine(parser)
-    add_workers(parser)
-    add_out(
+    options.add_confidence(parser)
+    options.add_engine(parser)
+    options.add_workers(parser)
+    options.add_out(
         parser,
         'write distribution.json, distribution.png and, of a single part, poses.csv into '
         'this folder',
@@ -99,10 +84,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='repeat the drops with half the time step, and show how much the result changes',
     )
-    add_model_range(parser)
-    add_output(parser)
-    add_conditions(parser)
-    add_surroundings(parser)
+    options.add_model_range(parser)
+    options.add_output(parser)
+    options.add_conditions(parser)
+    options.add_surroundings(parser)
     parser.add_argument(
         '--force', action='store_true', help='accept a height that looks like a mistake'
     )

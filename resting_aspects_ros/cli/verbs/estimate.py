@@ -4,9 +4,9 @@ import argparse
 
 from resting_aspects_ros.api.estimate import EstimateResult, estimate
 from resting_aspects_ros.aspects.estimate import METHODS
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import add_output, add_part, requested_part
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.drops import estimate_table, legend
 
@@ -25,7 +25,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_part(parser)
+    options.add_part(parser)
     parser.add_argument(
         '--method',
         metavar='NAME',
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'{", ".join(METHODS)}, some of them separated by commas, or all (all)',
     )
     parser.add_argument('--against', metavar='LOG', help='drops of the same part to compare with')
-    add_output(parser)
+    options.add_output(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises RestingAspectsError for wrong input, NotDefinedError if no requested method is defined.
     """
     names = _methods(arguments.method)
-    result = estimate(requested_part(arguments), names, against=arguments.against)
+    result = estimate(options.requested_part(arguments), names, against=arguments.against)
     show_result(arguments, result.to_json, lambda: show_estimates(result, each=arguments.each))
     return DONE
 

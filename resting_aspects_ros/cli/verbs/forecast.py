@@ -5,31 +5,24 @@ import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_each
+from resting_aspects_ros.api.forecast_result import ForecastResult, save_forecast_picture
+from resting_aspects_ros.cli import life_cycle, options
 from resting_aspects_ros.cli.action_options import add_action_values, requested_actions
-from resting_aspects_ros.cli.life_cycle import DONE, finish, result_folder, session
-from resting_aspects_ros.cli.options import (
-    add_actions_file,
-    add_confidence,
-    add_contact_conditions,
-    add_integer,
-    add_out,
-    add_output,
-    add_part_place,
-    add_seed,
-    add_workers,
-    parse_numbers,
-    requested_conditions,
-    requested_part,
-)
+from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.feeding.footprint import Footprint
+from resting_aspects_ros.feeding.grasps import load_grasps
 from resting_aspects_ros.input_files import parse_quantity
+from resting_aspects_ros.report.forecast import (
+    cell_text,
+    controlled_text,
+    forecast_table,
+    range_text,
+)
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.forecast_result import ForecastResult
-    from resting_aspects_ros.feeding.footprint import Footprint
 
 DESCRIPTION = """Predict how many parts per minute a robot picks from a vibrating tray under a
 camera: the rate with its interval, the best number of parts on the tray, how
@@ -68,8 +61,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         help='name of a part, or a mesh file; several are shown side by side',
     )
-    add_part_place(parser)
-    add_pickable(parser)
+    options.add_part_place(parser)
+    pickable = parser.add_mutually_exclusive_group(required=True)
+    text = (
+        'aspects in which the robot can pick the part, such as 1,3; repeat it to compare several '
+        'sets, or to give each of several parts a set'
+    )
+    options.add_numbers(pickable, '--pickable', 'IDS', text, 'append')
+    text = 'symmetry classes instead'
+    options.add_numbers(pickable, '--pickable-classes', 'NUMBERS', text, 'append')
     add_cell(parser, '60', 'a run, for the interval of its rate', gripper=True)
     parser.add_argument(
         '--action',
@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='what the feeder does before each image: an action of config/actions.yaml or of '
         '--actions, or a kind of action with the values below (flip)',
     )
-    add_actions_file(parser)
+    options.add_actions_file(parser)
     parser.add_argument(
         '--grasps',
         metavar='FILE',
@@ -90,92 +90,70 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='also simulate runs in which feeder_controller decides, about 5 s for each forecast',
     )
-    add_integer(
+    options.add_integer(
         parser,
         '--per-aspect',
         f'number of actions from each aspect ({PER_ASPECT}); four times as many halve the '
         'interval',
         default=PER_ASPECT,
     )
-    add_integer(
+    options.add_integer(
         parser,
         '--drops',
         f'number of drops; supplied parts have their distribution ({DEFAULT_DROPS})',
         default=DEFAULT_DROPS,
     )
-    add_seed(parser, 'forecast')
-    add_confidence(parser)
-    add_workers(parser)
-    add_out(
+    options.add_seed(parser, 'forecast')
+    options.add_confidence(parser)
+    options.add_workers(parser)
+    options.add_out(
         parser,
         f'write {DOCUMENT} and {PICTURE} into this folder',
         f'{PAGE}, a page with the curves and all numbers',
     )
-    add_output(parser, each=False)
+    options.add_output(parser, each=False)
     add_action_values(parser)
-    add_contact_conditions(parser)
+    options.add_contact_conditions(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    with session(arguments) as started:
-        from resting_aspects_ros.api.forecast import forecast_each
-        from resting_aspects_ros.api.forecast_result import save_forecast_picture
-
-        options = _options(arguments)
+    with life_cycle.session(arguments) as started:
+        requested = _requested(arguments)
         sets = _sets(arguments)
-        parts = [requested_part(arguments, given) for given in arguments.part]
-        out = result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE))
-        requests = list(zip(parts, sets, strict=True))
-        results = forecast_each(
-            requests, confidence=arguments.confidence, **options, **started.options
-        )
+        parts = [options.requested_part(arguments, given) for given in arguments.part]
+        out = life_cycle.result_folder(arguments, parts[0].name, (DOCUMENT, PICTURE))
+        results = forecast_each(list(zip(parts, sets, strict=True)), **requested, **started)
         first, *others = results
-        picture = partial(save_forecast_picture, results)
-        finish(
+        life_cycle.finish(
             arguments,
             out,
             (DOCUMENT, partial(first.to_json, others)),
-            {} if arguments.report else {PICTURE: picture},
+            {} if arguments.report else {PICTURE: partial(save_forecast_picture, results)},
             partial(_show, results),
             lambda folder: first.report(folder, others),
         )
-        return DONE
+        return life_cycle.DONE
 
 
-def _options(arguments: argparse.Namespace) -> dict[str, Any]:
+def _requested(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the forecast that the flags request; raises InvalidValueError."""
-    from resting_aspects_ros.api.forecast import DEFAULT_ACTION
-
     arguments.action = arguments.action or DEFAULT_ACTION
     actions = requested_actions(arguments)
     if len(actions) > 1:
         raise InvalidValueError(f'invalid --action {arguments.action!r}: expected a single action')
-    options = requested_times(arguments)
+    requested = requested_times(arguments)
     if arguments.grasps is not None:
-        # The import of shapely is only needed here.
-        from resting_aspects_ros.feeding.grasps import load_grasps
-
         if arguments.gripper is not None:
             raise InvalidValueError('invalid --gripper: expected none with --grasps')
         if len(arguments.part) > 1:
             raise InvalidValueError('invalid --grasps: expected a single part')
-        options['grasps'] = load_grasps(arguments.grasps)
-    if arguments.gripper is not None:
-        options['gripper'] = parse_gripper(arguments.gripper)
-    return options | {
-        'action': actions[0],
-        'tray': parse_tray(arguments.tray),
-        'clearance': parse_quantity('--clearance', arguments.clearance, 'm'),
-        'parts_on_tray': arguments.parts_on_tray,
-        'max_picks': arguments.max_picks,
-        'minutes': parse_quantity('--minutes', arguments.minutes, ''),
-        'controller': arguments.controller,
-        'per_aspect': arguments.per_aspect,
-        'drops': arguments.drops,
-        'seed': arguments.seed,
-        'surface': requested_conditions(arguments),
-    }
+        requested['grasps'] = load_grasps(arguments.grasps)
+    same = ('tray', 'clearance', 'gripper', 'parts_on_tray', 'max_picks', 'minutes')
+    same += ('controller', 'per_aspect', 'drops', 'seed', 'confidence')
+    requested |= {name: getattr(arguments, name) for name in same}
+    surface = options.requested_conditions(arguments)
+    return {**requested, 'action': actions[0], 'surface': surface}
 
 
 _Sets = list[tuple[tuple[int, ...] | None, tuple[int, ...] | None]]
@@ -185,8 +163,7 @@ def _sets(arguments: argparse.Namespace) -> list[_Sets]:
     """Return for each part the requested sets of ids or of numbers of classes."""
     by_id = arguments.pickable is not None
     flag = '--pickable' if by_id else '--pickable-classes'
-    texts = arguments.pickable if by_id else arguments.pickable_classes
-    numbers = [parse_numbers(flag, text) for text in texts]
+    numbers = arguments.pickable if by_id else arguments.pickable_classes
     sets: _Sets = [(each, None) if by_id else (None, each) for each in numbers]
     parts = len(arguments.part)
     if parts == 1 or len(sets) == 1:
@@ -199,16 +176,8 @@ def _sets(arguments: argparse.Namespace) -> list[_Sets]:
     return [[each] for each in sets]
 
 
-def _show(results: 'Sequence[ForecastResult]') -> None:
+def _show(results: Sequence[ForecastResult]) -> None:
     """Print a sentence for each result, then the table, and notes."""
-    from resting_aspects_ros.cli.console import show_table, show_texts
-    from resting_aspects_ros.report.forecast import (
-        cell_text,
-        controlled_text,
-        forecast_table,
-        range_text,
-    )
-
     names = [f'{result.named.title}: ' if len(results) > 1 else '' for result in results]
     for name, result in zip(names, results, strict=True):
         show_texts(f'{name}{result.sentence}', soft_wrap=True)
@@ -223,7 +192,7 @@ def _show(results: 'Sequence[ForecastResult]') -> None:
     show_texts(*_notes(results))
 
 
-def _notes(results: 'Sequence[ForecastResult]') -> list[str]:
+def _notes(results: Sequence[ForecastResult]) -> list[str]:
     """Return the notes of all results; with a name if they do not hold for each of them."""
     notes = [(result.named.title, result.notes) for result in results]
     common = [note for note in notes[0][1] if all(note in each for _, each in notes)]
@@ -232,21 +201,6 @@ def _notes(results: 'Sequence[ForecastResult]') -> list[str]:
 
 
 # -- The feeder, the camera and the robot, which feeder_demo has, too -----------------------------
-
-
-def add_pickable(parser: argparse.ArgumentParser) -> None:
-    """Add --pickable and --pickable-classes, each of which can be given several times."""
-    group = parser.add_mutually_exclusive_group(required=True)
-    group.add_argument(
-        '--pickable',
-        metavar='IDS',
-        action='append',
-        help='aspects in which the robot can pick the part, such as 1,3; repeat it to compare '
-        'several sets, or to give each of several parts a set',
-    )
-    group.add_argument(
-        '--pickable-classes', metavar='NUMBERS', action='append', help='symmetry classes instead'
-    )
 
 
 def add_cell(
@@ -263,7 +217,7 @@ def add_cell(
         '200ms; lengths too, such as 5mm.',
     )
     for name, text in _TIMES.items():
-        group.add_argument(f'--{name}', metavar='S', help=text)
+        options.add_number(group, f'--{name}', 's', text)
     group.add_argument(
         '--overlap',
         action='store_true',
@@ -272,38 +226,37 @@ def add_cell(
     group.add_argument(
         '--tray',
         metavar='WxD',
+        type=parse_tray,
         default='200x200mm',
         help='width and depth of the tray (200x200mm)',
     )
-    group.add_argument(
-        '--clearance',
-        metavar='M',
-        default='5mm',
-        help='minimum distance from a part that can be picked to any other part (5mm)',
-    )
+    text = 'minimum distance from a part that can be picked to any other part (5mm)'
+    options.add_number(group, '--clearance', 'm', text, default='5mm')
     if gripper:
         group.add_argument(
             '--gripper',
             metavar='LxW',
+            type=parse_gripper,
             help='footprint of the gripper, in which no other part may be: length along the part '
             'and width, or a diameter, such as 40x10mm or 20mm (none)',
         )
-    add_integer(
-        group, '--parts-on-tray', 'number of parts on the tray (the one with the highest rate)'
-    )
-    add_integer(group, '--max-picks', 'maximum number of picks after one image (all free parts)')
+    number = 'number of parts on the tray (the one with the highest rate)'
+    options.add_integer(group, '--parts-on-tray', number)
+    picks = 'maximum number of picks after one image (all free parts)'
+    options.add_integer(group, '--max-picks', picks)
     group.add_argument(
-        '--minutes', metavar='MIN', default=minutes, help=f'duration of {duration} ({minutes})'
+        '--minutes',
+        metavar='MIN',
+        type=partial(parse_quantity, '--minutes', unit=''),
+        default=minutes,
+        help=f'duration of {duration} ({minutes})',
     )
 
 
 def requested_times(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of `cycle_times` that have a flag; raises InvalidValueError."""
-    times: dict[str, Any] = {
-        name: parse_quantity(f'--{name}', text, 's')
-        for name in _TIMES
-        if (text := getattr(arguments, name)) is not None
-    }
+    """Return the options of `cycle_times` that have a flag."""
+    given = {name: getattr(arguments, name) for name in _TIMES}
+    times = {name: time for name, time in given.items() if time is not None}
     return {**times, 'overlap': arguments.overlap}
 
 
@@ -318,10 +271,8 @@ def parse_tray(text: str) -> tuple[float, float]:
     return sides[0], sides[1]
 
 
-def parse_gripper(text: str) -> 'Footprint':
+def parse_gripper(text: str) -> Footprint:
     """Return the footprint '40x10mm', a rectangle, or '20mm', a disc; raises InvalidValueError."""
-    from resting_aspects_ros.feeding.footprint import Footprint
-
     expected = 'length and width, or a diameter, with a unit, such as 40x10mm or 20mm'
     sides = _sides('--gripper', text, expected)
     if len(sides) > 2 or not all(0 < side <= MAX_SIDE for side in sides):

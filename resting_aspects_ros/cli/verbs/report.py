@@ -9,7 +9,7 @@ from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.result import make_folder
 from resting_aspects_ros.api.result_json import document_result
-from resting_aspects_ros.cli.options import add_out, add_part_place, refuse
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import is_log
 
@@ -40,13 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='compare it with manual counts (a CSV with aspect or class, and count), a log or a '
         'JSON document',
     )
-    add_out(parser, 'folder of the files (out/ and the part)')
+    options.add_out(parser, 'folder of the files (out/ and the part)')
     parser.add_argument(
         '--part',
         metavar='PART_OR_MESH',
         help='the part of a JSON document (the mesh file or the part that the document names)',
     )
-    add_part_place(parser)
+    options.add_part_place(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -77,7 +77,7 @@ def _read_result(arguments: argparse.Namespace) -> DropResult:
             path, arguments.part, arguments.unit, arguments.parts, arguments.body
         )
     names = 'part', 'unit', 'body', 'parts'
-    refuse(arguments, names, 'with a JSON document; a log contains its part')
+    options.refuse(arguments, names, 'with a JSON document; a log contains its part')
     # This imports ROS, which a JSON document does not need.
     from resting_aspects_ros.run_logs.contents import logged_result
 

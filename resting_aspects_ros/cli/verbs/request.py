@@ -6,18 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resting_aspects_ros.api.result import check_output
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import (
-    add_conditions,
-    add_output,
-    add_ros_args,
-    add_run,
-    add_surroundings,
-    changed_conditions,
-    refuse,
-    requested_conditions,
-    requested_number,
-)
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
@@ -54,7 +44,7 @@ OF_DROPS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('part', metavar='PART', help='name of a part that the simulator knows')
-    add_run(parser, f'a known run with any seed, or a new run with {DEFAULT_SEED}')
+    options.add_run(parser, f'a known run with any seed, or a new run with {DEFAULT_SEED}')
     parser.add_argument(
         '--method',
         metavar='NAME',
@@ -66,24 +56,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='do not drop; without --drops and --precision accept any known distribution',
     )
-    add_output(parser)
+    options.add_output(parser)
     parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
-    add_conditions(parser, "the simulator's default")
-    add_surroundings(parser)
-    add_ros_args(parser)
+    options.add_conditions(parser, "the simulator's default")
+    options.add_surroundings(parser)
+    options.add_ros_args(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Request and show; returns the exit code. Raises RestingAspectsError."""
     with Interruption() as stop:
         if arguments.method != 'drops':
-            refuse(arguments, OF_DROPS, 'with --method drops')
+            options.refuse(arguments, OF_DROPS, 'with --method drops')
         # Wrong values are refused before the client looks for a suite.
-        requested_conditions(arguments)
+        options.requested_conditions(arguments)
         check_output('--picture', arguments.picture)
         if arguments.method != 'drops':
             return _estimate(arguments, stop)
-        drops, precision = requested_number(arguments)
+        drops, precision = options.requested_number(arguments)
         if arguments.seed is not None:
             check_seed(arguments.seed)
         from resting_aspects_ros.api.runner import DropProgress
@@ -146,8 +136,8 @@ def _conditions(
     arguments: argparse.Namespace, client: 'RestingAspectsClient'
 ) -> DropConditions | None:
     """Return the requested conditions; None if no flag gives any."""
-    conditions = requested_conditions(arguments)
-    changes = changed_conditions(arguments)
+    conditions = options.requested_conditions(arguments)
+    changes = options.changed_conditions(arguments)
     if arguments.surface:
         return conditions
     if not (changes or arguments.surroundings):
