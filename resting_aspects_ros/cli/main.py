@@ -16,13 +16,12 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 from io import TextIOWrapper
 from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT, tables_written
-from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS, ROS
+from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS
 from resting_aspects_ros.errors import (
     InvalidValueError,
     NoLogError,
@@ -61,7 +60,9 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(**options, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
-        if unknown := re.match(r'unrecognized arguments: (--[a-z-]+)', message):
+        if re.fullmatch(r'unrecognized arguments:[ \d,]+', message):
+            message += '; several numbers are separated by commas without spaces, such as 1,3'
+        elif unknown := re.match(r'unrecognized arguments: (--[a-z-]+)', message):
             message += did_you_mean(unknown[1], self.flags)
         text = f'{one_line(message, MAX_LINE)} (see {self.helpful or self.prog} --help)'
         self.exit(WRONG_INPUT, f'error: {text}\n')
@@ -96,7 +97,7 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
                 formatter_class=argparse.RawDescriptionHelpFormatter,
             )
             module.add_arguments(subparser)
-            subparser.set_defaults(run=module.run, command=command)
+            subparser.set_defaults(run=module.run)
             parser.helpful = subparser.prog
             parser.flags = re.findall(r'--[a-z][a-z-]+', subparser.format_usage())
         else:
@@ -130,8 +131,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                 warnings.simplefilter('always', RestingAspectsWarning)
                 warnings.showwarning = partial(_print_warning, warnings.showwarning)
                 arguments = make_parser(words).parse_args(words)
-                if arguments.command in GROUPS[ROS]:
-                    _check_ros(arguments.command)
                 with tables_written(getattr(arguments, 'table', None)):
                     code = int(arguments.run(arguments))
         finally:
@@ -162,13 +161,6 @@ def _print_warning(
         print(f'warning: {message}', file=sys.stderr)
     else:
         show(message, category, *where)
-
-
-def _check_ros(command: str) -> None:
-    """Raise RestingAspectsError if ROS, or the messages of the suite, are not installed."""
-    for package in ('rclpy', 'resting_aspects_interfaces'):
-        if find_spec(package) is None:
-            raise RestingAspectsError(f'{command} needs {package}: {INSTALL_ROS}')
 
 
 def _discard_output() -> None:

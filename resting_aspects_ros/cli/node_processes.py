@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 from resting_aspects_ros.errors import RestingAspectsError
 
@@ -73,15 +72,10 @@ class NodeProcesses:
         for node, process in self._running.items():
             if (code := process.poll()) is not None:
                 raise RestingAspectsError(
-                    f'{node} ended {_manner(code)}: see {str(log_of(self._folder, node))!r}'
+                    f'{node} ended with exit code {code}: see {str(log_of(self._folder, node))!r}'
                 )
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         # SIGTERM ends a node without a traceback even while it is still importing.
         for process in self._running.values():
             process.terminate()
@@ -98,9 +92,3 @@ class NodeProcesses:
 def log_of(folder: Path, node: str) -> Path:
     """Return the file with the output of a node."""
     return folder / f'{node}.log'
-
-
-def _manner(code: int) -> str:
-    if code >= 0:
-        return f'with exit code {code}'
-    return f'by signal {signal.Signals(-code).name}'

@@ -1,8 +1,8 @@
 """Options that several subcommands share, and numbers with a unit."""
 
 import argparse
+import math
 from collections.abc import Iterable, Mapping
-from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ from resting_aspects_ros.simulation.conditions import (
 if TYPE_CHECKING:
     from resting_aspects_ros.part.part import Part
 
-MAX_DIGITS = 20
+MAX_INTEGER = 1e20
 
 
 def add_integer(
@@ -391,11 +391,10 @@ def parse_integer(text: str) -> int:
     except ValueError:
         pass
     try:
-        number = Decimal(text)
-    except InvalidOperation:
-        number = Decimal('NaN')
-    # Refuses NaN, infinity, fractions, and more digits than any option accepts.
-    if not number.is_finite() or number.adjusted() > MAX_DIGITS or number != int(number):
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not number.is_integer() or not 0 < abs(number) < MAX_INTEGER:
         raise argparse.ArgumentTypeError(f'{shown(text)} is not an integer, such as 1000 or 1e4')
     return int(number)
 

@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
@@ -160,12 +159,7 @@ class RestingAspectsClient:
     def __enter__(self: Self) -> Self:  # noqa: PYI019
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def get_distribution(
@@ -455,8 +449,6 @@ class RestingAspectsClient:
                 offered = self._offered_parts()
                 if offered and part not in offered:
                     raise unknown_part(part, offered) from None
-                if offered:
-                    raise
                 raise AnswerTimeoutError(
                     f'no {DROP_SIMULATOR} offers {part}: {error}; start the suite with '
                     '"resting_aspects nodes"'
@@ -465,14 +457,9 @@ class RestingAspectsClient:
     def default_conditions(self) -> DropConditions:
         """Return the conditions that the simulator uses for a request without a surface."""
         with self._request('the default conditions') as pending:
-            try:
-                message = pending.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
-            except AnswerTimeoutError as error:
-                raise AnswerTimeoutError(
-                    'the default surface is unknown, name a surface or start drop_simulator: '
-                    f'{error}'
-                ) from None
-            return conditions_from(message)
+            return conditions_from(
+                pending.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
+            )
 
     get_distribution_async = _awaitable(get_distribution)
     reorient_part_async = _awaitable(reorient_part)

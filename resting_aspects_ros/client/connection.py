@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import Future as ThreadFuture
 from concurrent.futures import wait as wait_for_any
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 from uuid import uuid4
@@ -193,10 +194,11 @@ class Connection:
             self._stopped.set()
 
 
+@dataclass
 class Request:
     """A request that waits in the thread of the caller.
 
-    Parameters
+    Attributes
     ----------
     description : str
         Description of the result for errors, such as 'the distribution of l_bracket'.
@@ -204,33 +206,22 @@ class Request:
         Timeout of the whole request, s; None: no limit.
     warn : called once if a node is not ready after WARN_DELAY
     canceled : returns whether the caller no longer waits
-
-    Attributes
-    ----------
     state : str
         Description of the progress for errors.
     """
 
-    def __init__(
-        self,
-        connection: Connection,
-        description: str,
-        timeout: float | None,
-        warn: Callable[[str], object],
-        canceled: Callable[[], bool],
-    ) -> None:
-        self._connection = connection
-        self._description = description
-        self._timeout = timeout
-        self._warn = warn
-        self._canceled = canceled
-        self._warned = False
-        self._started = time.monotonic()
-        self.state = ''
+    connection: Connection
+    description: str
+    timeout: float | None
+    warn: Callable[[str], object]
+    canceled: Callable[[], bool]
+    state: str = ''
+    _warned: bool = False
+    _started: float = field(default_factory=time.monotonic)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Return the response of a service of the classifier."""
-        client = self._connection.client(kind, name)
+        client = self.connection.client(kind, name)
         start = 'start the suite with "resting_aspects nodes"'
         period, futures = RETRY_PERIOD, list[Any]()
         answered: ThreadFuture[Any] = ThreadFuture()
@@ -257,7 +248,7 @@ class Request:
 
     def simulate(self, kind: Any, name: str, goal: Any, progress: Callable[[int], object]) -> Any:
         """Return the result of a goal of drop_part or reorient_part, canceled with the request."""
-        client = self._connection.client(kind, name)
+        client = self.connection.client(kind, name)
         self._wait_for_node(
             DROP_SIMULATOR, name, client.server_is_ready, SIMULATOR_TIMEOUT, 'start drop_simulator'
         )
@@ -275,7 +266,7 @@ class Request:
                     progress(done)
 
         run = partial(goal_result, feedback=feedback.append, wanted=lambda: wanted)
-        result = self._connection.submit(lambda: run(self._connection.node, client, goal))
+        result = self.connection.submit(lambda: run(self.connection.node, client, goal))
         try:
             while not self._wait(result, name):
                 report()
@@ -287,7 +278,7 @@ class Request:
 
     def latched(self, kind: Any, name: str, timeout: float) -> Any:
         """Return the latched message of a topic; raises AnswerTimeoutError."""
-        connection = self._connection
+        connection = self.connection
         message: ThreadFuture[Any] = ThreadFuture()
 
         def receive(received: Any) -> None:
@@ -320,27 +311,31 @@ class Request:
         wait_for_any([future], CHECK_PERIOD)
         if future.done():
             return True
-        self._connection.check()
-        if self._canceled():
-            raise CanceledError(f'the request of {self._description} was canceled')
-        if self._timeout is not None and time.monotonic() >= self._started + self._timeout:
+        self._check()
+        if self.timeout is not None and time.monotonic() >= self._started + self.timeout:
             state = f': {self.state}' if self.state else ''
             raise AnswerTimeoutError(
-                f'{self._connection.service(name)} did not return {self._description}, '
-                f'waited {self._timeout:g} s{state}'
+                f'{self.connection.service(name)} did not return {self.description}, '
+                f'waited {self.timeout:g} s{state}'
             )
         return False
+
+    def _check(self) -> None:
+        """Raise RestingAspectsError if the request was canceled, or what the connection raises."""
+        self.connection.check()
+        if self.canceled():
+            raise CanceledError(f'the request of {self.description} was canceled')
 
     def _wait_for_node(
         self, kind: str, name: str, is_offered: Callable[[], bool], timeout: float, hint: str
     ) -> None:
         """Wait until a node of a kind is alive and its service is discovered."""
-        connection = self._connection
+        connection = self.connection
         present = connection.topic(f'{PRESENCE}/{kind}')
-        start = self._started if self._timeout is not None else time.monotonic()
-        timeout = timeout if self._timeout is None else min(timeout, self._timeout)
+        start = self._started if self.timeout is not None else time.monotonic()
+        timeout = timeout if self.timeout is None else min(timeout, self.timeout)
         while True:
-            connection.check()
+            self._check()
             if is_offered() and connection.node.count_publishers(present):
                 return
             waited = time.monotonic() - start
@@ -349,9 +344,7 @@ class Request:
                 raise AnswerTimeoutError(f'{missing}, waited {timeout:g} s: {hint}')
             if waited >= WARN_DELAY and not self._warned:
                 self._warned = True
-                self._warn(f'{missing} yet, waiting up to {timeout:g} s')
-            if self._canceled():
-                raise CanceledError(f'the request of {self._description} was canceled')
+                self.warn(f'{missing} yet, waiting up to {timeout:g} s')
             time.sleep(min(CHECK_PERIOD, timeout - waited))
 
 

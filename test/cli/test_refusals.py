@@ -43,7 +43,6 @@ CASES = {
     'drop l_bracket --report': ['--report', 'l_bracket'],
     'drop l_bracket --table t.ods': ['--table', "'t.ods'"],
     'outlines washer --counting-sheet s.doc': ['--counting-sheet', "'s.doc'"],
-    'request l_bracket --picture nowhere/p.png': ['--picture', "'nowhere/p.png'"],
     # Flags that contradict each other.
     'drop tetrahedron hex_nut --json': ['--json', 'single part'],
     'drop tetrahedron --replicates 2': ['--replicates', '--initial-states'],
@@ -74,7 +73,7 @@ CASES = {
     'forecast l_bracket --pickable a': ['--pickable', "'a'"],
     'forecast l_bracket --pickable 1 --tray 200mm': ['--tray', "'200mm'"],
     'identify l_bracket --polygon seen.json --camera 0mm,0mm,-1mm': ['--camera'],
-    'replay log --rate 1001': ['--rate', "'1001'"],
+    'replay log --rate 1001': ['--rate', '1001'],
     'request l_bracket --ros-args --bogus': ['--bogus'],
     'studio none.stl': ["'none.stl'", 'l_bracket'],
     'studio --port 70000': ['--port', '70000'],

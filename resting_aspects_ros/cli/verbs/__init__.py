@@ -1,7 +1,6 @@
 """The subcommands, one module each.
 
-Each module has DESCRIPTION, EXAMPLES, `add_arguments` and `run`. Slow imports are in `run`. Read
-`aspects.py` first, the shortest.
+Each module has DESCRIPTION, EXAMPLES, `add_arguments` and `run`. Read `aspects.py` first.
 """
 
 ROS = 'ROS 2: nodes and their logs'
