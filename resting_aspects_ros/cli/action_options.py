@@ -7,7 +7,6 @@ import textwrap
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.cli.options import add_quantities, flag_of
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.simulation.actions import (
     DEFAULT_TIME,
     KINDS,
@@ -40,16 +39,6 @@ def add_action_values(parser: argparse.ArgumentParser) -> None:
     add_quantities(group, {'time': TIME}, _PREFIX)
 
 
-def _requested_values(arguments: argparse.Namespace) -> dict[str, float]:
-    """Return the values of an action that have a flag among the arguments, in SI units."""
-    quantities = {k: q for each in KINDS.values() for k, q in quantities_of(each).items()}
-    return {
-        name: parse_quantity(flag_of(name), text, quantity.unit)
-        for name, quantity in {**quantities, 'time': TIME}.items()
-        if (text := getattr(arguments, _PREFIX + name)) is not None
-    }
-
-
 def known_actions(arguments: argparse.Namespace) -> Actions:
     """Return the actions of the file that --actions names, or those of the suite."""
     return shipped_actions() if arguments.actions is None else Actions(arguments.actions)
@@ -58,8 +47,12 @@ def known_actions(arguments: argparse.Namespace) -> Actions:
 def requested_actions(arguments: argparse.Namespace) -> list[NamedAction]:
     """Return the actions that the flags request; raises InvalidValueError."""
     known = known_actions(arguments)
-    values = _requested_values(arguments)
-    time = values.pop('time', None)
+    values = {
+        name: value
+        for name in {name for kind in KINDS.values() for name in quantities_of(kind)}
+        if (value := getattr(arguments, _PREFIX + name)) is not None
+    }
+    time = arguments.action_time
     text = arguments.action
     if text is None:
         text = DEFAULT_ACTION if arguments.actions is None else ','.join(known.names())

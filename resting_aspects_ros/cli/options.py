@@ -60,10 +60,17 @@ def add_number(
     text: str,
     *,
     default: str | None = None,
+    dest: str | None = None,
 ) -> None:
     """Add a flag whose value is a number with a unit, such as 60mm; it becomes a float in SI."""
-    number = partial(parse_quantity, flag, unit=unit)
-    parser.add_argument(flag, metavar=unit.upper() or 'X', type=number, default=default, help=text)
+    parser.add_argument(
+        flag,
+        metavar=unit.upper().replace(' ', '') or 'X',
+        type=partial(parse_quantity, flag, unit=unit),
+        default=default,
+        dest=dest or flag[2:].replace('-', '_'),
+        help=text,
+    )
 
 
 def add_numbers(
@@ -100,7 +107,6 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
 
 def requested_part(arguments: argparse.Namespace, given: str | None = None) -> 'Part':
     """Return the part that the flags request, or a ``given`` one with their unit and body."""
-    # This import is slow because of NumPy, which --help does not need.
     from resting_aspects_ros.part.library import load_part
 
     name = arguments.part if given is None else given
@@ -243,12 +249,8 @@ def add_quantities(
 ) -> None:
     """Add a flag for each quantity; its attribute has the prefix before the name."""
     for name, quantity in quantities.items():
-        group.add_argument(
-            flag_of(name),
-            metavar=quantity.unit.upper().replace(' ', '') or 'X',
-            dest=prefix + name,
-            help=f'{quantity.text}: {quantity.allowed()}',
-        )
+        text = f'{quantity.text}: {quantity.allowed()}'
+        add_number(group, flag_of(name), quantity.unit, text, dest=prefix + name)
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
@@ -288,7 +290,6 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
 
 def requested_conditions(arguments: argparse.Namespace) -> DropConditions:
     """Return the conditions that the flags request; raises InvalidValueError."""
-    # These imports are slow because of pydantic and NumPy, which --help does not need.
     from resting_aspects_ros.api.conditions import requested_surroundings, with_surroundings
     from resting_aspects_ros.simulation.conditions import all_surfaces
 
@@ -302,11 +303,8 @@ def requested_conditions(arguments: argparse.Namespace) -> DropConditions:
 
 def changed_conditions(arguments: argparse.Namespace) -> dict[str, object]:
     """Return the conditions that have a flag of their own among the arguments."""
-    changes: dict[str, object] = {
-        name: parse_quantity(flag_of(name), text, quantity.unit)
-        for name, quantity in QUANTITIES.items()
-        if (text := getattr(arguments, name, None)) is not None
-    }
+    given = {name: getattr(arguments, name, None) for name in QUANTITIES}
+    changes: dict[str, object] = {k: value for k, value in given.items() if value is not None}
     if (height_of := getattr(arguments, 'height_of', None)) is not None:
         changes['height_of'] = HeightOf[height_of]
     return changes

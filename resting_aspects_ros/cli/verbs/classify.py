@@ -5,13 +5,10 @@ from pathlib import Path
 
 from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
 from resting_aspects_ros.api.conditions import requested_surroundings
-from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
 from resting_aspects_ros.errors import one_line
-from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import (
     agreement_line,
     agreement_table,
@@ -44,23 +41,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
     options.add_part_place(parser)
     options.add_surroundings(parser)
-    parser.add_argument(
+    options.add_number(
+        parser,
         '--tolerance',
-        metavar='DEG',
-        help='poses whose down directions are at most this apart belong to one cluster, and so '
-        'do chains of such poses (5): 1 to 30 degrees',
+        '',
+        'poses whose down directions are at most this apart belong to one cluster, and so do '
+        'chains of such poses (5): 1 to 30 degrees',
+        default='5',
     )
     options.add_output(parser, each=False)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Classify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    degrees = DEFAULT_TOLERANCE_DEGREES
-    if arguments.tolerance is not None:
-        degrees = parse_quantity('--tolerance', arguments.tolerance, '')
-    part = _part(arguments)
+    part = None
+    if arguments.part is not None:
+        part = options.requested_part(arguments)
+    else:
+        options.refuse(arguments, ('unit', 'body', 'parts'), 'with --part')
     surroundings = requested_surroundings(arguments.surroundings, arguments.set)
-    result = classify(arguments.poses, part, tolerance=degrees, surroundings=surroundings)
+    tolerance = arguments.tolerance
+    result = classify(arguments.poses, part, tolerance=tolerance, surroundings=surroundings)
     title = f'{one_line(arguments.poses.name)}, {result.poses.drops} poses'
 
     def show() -> None:
@@ -71,13 +72,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     show_result(arguments, result.to_json, show)
     return DONE
-
-
-def _part(arguments: argparse.Namespace) -> Part | None:
-    if arguments.part is not None:
-        return options.requested_part(arguments)
-    options.refuse(arguments, ('unit', 'body', 'parts'), 'with --part')
-    return None
 
 
 def _show_clusters(title: str, result: ClassificationResult) -> None:

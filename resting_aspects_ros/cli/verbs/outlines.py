@@ -9,7 +9,6 @@ from resting_aspects_ros.api.result import check_output
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.report.format import size_text
 from resting_aspects_ros.report.outlines import (
     PIXELS_PER_MM,
@@ -36,11 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'write into this folder: JSON, for each class drawings (SVG and DXF) at true size, '
         'a template and a mask (PNG), and COCO annotations',
     )
-    parser.add_argument(
-        '--px-per-mm',
-        metavar='X',
-        help='pixels of the templates and masks for each mm on the tray (10)',
-    )
+    text = 'pixels of the templates and masks for each mm on the tray (10)'
+    options.add_number(parser, '--px-per-mm', '', text)
     parser.add_argument(
         '--counting-sheet',
         metavar='FILE',
@@ -54,11 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Find, show and export the outlines; returns the exit code. Raises RestingAspectsError."""
     out, sheet = arguments.out, arguments.counting_sheet
-    scale = float(PIXELS_PER_MM)
     if out is None:
         options.refuse(arguments, ('px_per_mm',), 'with --out')
-    elif arguments.px_per_mm is not None:
-        scale = parse_quantity('--px-per-mm', arguments.px_per_mm, '')
+    scale = PIXELS_PER_MM if arguments.px_per_mm is None else arguments.px_per_mm
     if sheet is not None:
         check_sheet_name('--counting-sheet', sheet)
     result = outlines(options.requested_part(arguments))
