@@ -28,8 +28,6 @@ from resting_aspects_ros.ros.interface import ALL_LATCHED, DETECTIONS, FEEDER_AD
 IMAGE = 'camera/image_raw'
 # Results and images of a run in simulated time arrive in quick succession.
 MANY = QoSProfile(depth=1000)
-# Number of lines for a run if standard error is not a terminal.
-LINES = 5
 # What a run that agrees with its forecast proves, and what it does not.
 SHARED = (
     'The run draws its drops and flips from the probabilities of the forecast, mixes the parts '
@@ -193,41 +191,26 @@ class FeederWatch:
 # -- What is shown --------------------------------------------------------------------------------
 
 
-def _time(watch: FeederWatch) -> str:
-    """Return the simulated time as minutes and seconds, and the total."""
-    return '{}:{:02d} of {:g} min'.format(*divmod(round(60 * watch.minutes), 60), watch.total)
-
-
-def _interval(forecast: ControlledRuns) -> str:
-    lower, upper = map(number_text, forecast.prediction)
-    return f'{number_text(forecast.rate)} ({lower} to {upper})'
-
-
 def feeder_table(watch: FeederWatch, forecast: ControlledRuns) -> Table:
     """Return the table of a running feeder beside its forecast."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_column(style='dim', no_wrap=True)
     table.add_column()
+    minutes, seconds = divmod(round(60 * watch.minutes), 60)
+    lower, upper = map(number_text, forecast.prediction)
+    interval = f'{number_text(forecast.rate)} ({lower} to {upper})'
     rows = {
-        'simulated time': _time(watch),
+        'simulated time': f'{minutes}:{seconds:02d} of {watch.total:g} min',
         'parts in the image': str(watch.on_tray),
         'advice': watch.advice.reason if watch.advice is not None else '',
         'images': str(watch.images),
         'picks': f'{watch.picks}' + (f' ({watch.missed} missed)' if watch.missed else ''),
         'parts per minute': number_text(watch.rate),
-        'forecast': f'{_interval(forecast)}, 95 % of runs of {watch.total:g} min',
+        'forecast': f'{interval}, 95 % of runs of {watch.total:g} min',
     }
     for name, value in rows.items():
         table.add_row(name, value)
     return table
-
-
-def feeder_line(watch: FeederWatch, forecast: ControlledRuns) -> str:
-    """Return the state of a running feeder in a line, for a log."""
-    return (
-        f'{_time(watch)}: {watch.picks} picks, {number_text(watch.rate)} per minute '
-        f'(forecast {_interval(forecast)})'
-    )
 
 
 def feeder_sentence(watch: FeederWatch, forecast: ControlledRuns) -> str:
@@ -246,22 +229,18 @@ def feeder_sentence(watch: FeederWatch, forecast: ControlledRuns) -> str:
 
 
 class FeederDisplay(TerminalDisplay):
-    """Shows the state of a feeder while it runs."""
+    """Shows the state of a feeder while it runs, if standard error is a terminal."""
 
     def __init__(self) -> None:
         self._live: Live | None = None
         if sys.stderr.isatty():
             self._moving = self._live = Live(console=Console(stderr=True), auto_refresh=False)
-        self._lines = 1
 
     def show(self, watch: FeederWatch, forecast: ControlledRuns) -> None:
         """Update what is shown; call it often."""
         if self._live is not None:
             self._live.start()
             self._live.update(feeder_table(watch, forecast), refresh=True)
-        elif watch.minutes * LINES >= self._lines * watch.total:
-            self._lines = int(watch.minutes * LINES / watch.total) + 1
-            print(feeder_line(watch, forecast), file=sys.stderr, flush=True)
 
 
 @contextmanager

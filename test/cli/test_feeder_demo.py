@@ -18,7 +18,6 @@ from std_msgs.msg import Header
 from resting_aspects_ros.cli import node_processes
 from resting_aspects_ros.cli.feeder_watch import (
     FeederWatch,
-    feeder_line,
     feeder_sentence,
     feeder_table,
 )
@@ -149,7 +148,6 @@ def test_run_is_shown_beside_its_forecast():
     for words in ('10:03 of 10 min', '270 (3 missed)', '26.9', '26.0 (24.0 to 28.0)', 'Pick 2'):
         assert words in text
     assert max(map(len, text.splitlines())) <= 80
-    assert '270 picks, 26.9 per minute (forecast 26.0' in feeder_line(*view())
     for changed, said in (
         ({}, 'within'),
         ({'rate': 28.4}, 'outside'),

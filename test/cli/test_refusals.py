@@ -52,7 +52,7 @@ CASES = {
     'classify poses.csv --unit mm': ['--unit', "'mm'", '--part'],
     'drift l_bracket counts.csv --expected counts.csv --drops 50': ['--drops', "'50'"],
     'forecast l_bracket hex_nut t_prism --pickable 1 --pickable 2': ['--pickable', '2', '3'],
-    'forecast l_bracket --pickable 1 --action tap,toss': ['--action', "'tap,toss'"],
+    'forecast l_bracket --pickable 1 --action tap,toss': ["'tap,toss'"],
     'optimise l_bracket --vary height=1cm:2cm --wanted 1 --actions a.yaml': ['--actions'],
     'outlines washer --px-per-mm 5': ['--px-per-mm', "'5.0'", '--out'],
     'optimise l_bracket --vary friction=0.1:0.5 --wanted 1 --budget 2000 --action step_down '
@@ -69,7 +69,6 @@ CASES = {
     'drift l_bracket counts.csv --shift 5': ['--shift', "'5'", '5%'],
     'feeder_demo --out folder --pickable 9': ['9', '1 to 5'],
     'feeder_demo --out folder --tray 10x10mm': ['tray'],
-    'feeder_demo --out folder --place 1s': ['place', 'overlap'],
     'forecast l_bracket --pickable a': ['--pickable', "'a'"],
     'forecast l_bracket --pickable 1 --tray 200mm': ['--tray', "'200mm'"],
     'identify l_bracket --polygon seen.json --camera 0mm,0mm,-1mm': ['--camera'],

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.api.forecast import (
+    CLEARANCE,
     DEFAULT_ACTION,
+    ROBOT,
     check_tray,
     cycle_times,
     forecast_controlled,
@@ -32,7 +34,7 @@ from resting_aspects_ros.cli.feeder_watch import (
 )
 from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED, save_text
 from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
-from resting_aspects_ros.cli.verbs.forecast import add_cell, requested_times
+from resting_aspects_ros.cli.verbs.forecast import add_tray
 from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.feeding.footprint import Tray
@@ -103,7 +105,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'classes (the most probable class)',
     )
     options.add_numbers(pickable, '--pickable-classes', 'NUMBERS', 'symmetry classes instead')
-    add_cell(parser, MINUTES, 'the run in simulated time', gripper=False)
+    options.add_number(parser, '--robot', 's', 'from one pick of the robot to the next (1.2)')
+    add_tray(parser)
+    text = f'duration of the run in simulated time ({MINUTES})'
+    options.add_number(parser, '--minutes', '', text, default=MINUTES)
     options.add_seed(parser, 'drops, flips, places on the tray and noise of the camera')
     parser.add_argument(
         '--out',
@@ -160,14 +165,15 @@ class FeederDemo:
         self._name, aspects = self._known.part.name, self._known.aspects
         self._classes = _pickable(arguments, self._known)
         self._ids = aspects.chosen(None, self._classes, 'pickable')
-        self._times = cycle_times(named_action(DEFAULT_ACTION), **requested_times(arguments))
-        self._tray = Tray(arguments.tray, arguments.clearance)
+        robot = ROBOT if arguments.robot is None else arguments.robot
+        self._times = cycle_times(named_action(DEFAULT_ACTION), robot=robot)
+        self._tray = Tray(arguments.tray, CLEARANCE)
         if not 0 < arguments.minutes <= MAX_MINUTES:
             raise InvalidValueError(
                 f'invalid --minutes {arguments.minutes:g}: expected more than 0, at most '
                 f'{MAX_MINUTES}'
             )
-        check_tray(self._known.part, aspects, self._tray, arguments.parts_on_tray)
+        check_tray(self._known.part, aspects, self._tray, None)
         self._camera = TrayCamera(self._tray.size, PX_PER_MM)
         self._earlier = set(self._logs())
         self._forecast: ControlledRuns | None = None
@@ -247,7 +253,7 @@ class FeederDemo:
     def _node_arguments(self, clock: str) -> dict[str, list[str]]:
         """Return the ROS arguments of each node; ``clock`` is the topic of the simulated time."""
         arguments = self._arguments
-        times = ('robot', 'place', 'vibrate', 'settle', 'image', 'supply')
+        times = ('robot', 'vibrate', 'settle')
         cell = {
             'part': self._name,
             'tray': [float(side) for side in self._tray.size],
@@ -257,9 +263,7 @@ class FeederDemo:
         controller = {
             **cell,
             'pickable_classes': list(self._classes),
-            'clearance': float(self._tray.clearance),
-            'best_number': arguments.parts_on_tray or 0,
-            'max_picks': arguments.max_picks or 0,
+            'clearance': CLEARANCE,
         }
         camera = {
             **cell,
@@ -300,15 +304,8 @@ class FeederDemo:
             distribution_from(drops),
             complete=True,
         )
-        forecast = forecast_from(
-            result,
-            self._ids,
-            self._tray,
-            self._times,
-            parts_on_tray=arguments.parts_on_tray,
-            max_picks=arguments.max_picks,
-            minutes=arguments.minutes,
-        )
+        minutes = arguments.minutes
+        forecast = forecast_from(result, self._ids, self._tray, self._times, minutes=minutes)
         return forecast_controlled(forecast)
 
     def _draw(self, moment: Moment, path: Path) -> None:

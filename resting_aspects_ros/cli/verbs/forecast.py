@@ -9,7 +9,7 @@ from typing import Any
 from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_each
 from resting_aspects_ros.api.forecast_result import ForecastResult, save_forecast_picture
 from resting_aspects_ros.cli import life_cycle, options
-from resting_aspects_ros.cli.action_options import add_action_values, requested_actions
+from resting_aspects_ros.cli.action_options import known_actions
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.footprint import Footprint
@@ -66,12 +66,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_numbers(pickable, '--pickable', 'IDS', text, 'append')
     text = 'symmetry classes instead'
     options.add_numbers(pickable, '--pickable-classes', 'NUMBERS', text, 'append')
-    add_cell(parser, '60', 'a run, for the interval of its rate', gripper=True)
+    _add_cell(parser)
     parser.add_argument(
         '--action',
         metavar='NAME',
+        default=DEFAULT_ACTION,
         help='what the feeder does before each image: an action of config/actions.yaml or of '
-        '--actions, or a kind of action with the values below (flip)',
+        '--actions (flip)',
     )
     options.add_actions_file(parser)
     parser.add_argument(
@@ -108,7 +109,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f'{PAGE}, a page with the curves and all numbers',
     )
     options.add_output(parser, each=False)
-    add_action_values(parser)
     options.add_contact_conditions(parser)
 
 
@@ -134,22 +134,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _requested(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the forecast that the flags request; raises InvalidValueError."""
-    arguments.action = arguments.action or DEFAULT_ACTION
-    actions = requested_actions(arguments)
-    if len(actions) > 1:
-        raise InvalidValueError(f'invalid --action {arguments.action!r}: expected a single action')
-    requested = requested_times(arguments)
+    given = {name: getattr(arguments, name) for name in _TIMES}
+    requested: dict[str, Any] = {name: time for name, time in given.items() if time is not None}
     if arguments.grasps is not None:
         if arguments.gripper is not None:
             raise InvalidValueError('invalid --gripper: expected none with --grasps')
         if len(arguments.part) > 1:
             raise InvalidValueError('invalid --grasps: expected a single part')
         requested['grasps'] = load_grasps(arguments.grasps)
-    same = ('tray', 'clearance', 'gripper', 'parts_on_tray', 'max_picks', 'minutes')
+    same = ('overlap', 'tray', 'clearance', 'gripper', 'parts_on_tray', 'max_picks', 'minutes')
     same += ('controller', 'per_aspect', 'drops', 'seed', 'confidence')
     requested |= {name: getattr(arguments, name) for name in same}
     surface = options.requested_conditions(arguments)
-    return {**requested, 'action': actions[0], 'surface': surface}
+    action = known_actions(arguments).get(arguments.action)
+    return {**requested, 'action': action, 'surface': surface}
 
 
 _Sets = list[tuple[tuple[int, ...] | None, tuple[int, ...] | None]]
@@ -196,16 +194,11 @@ def _notes(results: Sequence[ForecastResult]) -> list[str]:
     return [*common, *named]
 
 
-# -- The feeder, the camera and the robot, which feeder_demo has, too -----------------------------
+# -- The feeder, the camera and the robot ---------------------------------------------------------
 
 
-def add_cell(
-    parser: argparse.ArgumentParser, minutes: str, duration: str, *, gripper: bool
-) -> None:
-    """Add the times of a cycle, the tray and, if requested, the gripper.
-
-    minutes, duration : default of --minutes, and what it is the duration of
-    """
+def _add_cell(parser: argparse.ArgumentParser) -> None:
+    """Add the times of a cycle, the tray and the gripper."""
     group = parser.add_argument_group(
         'feeder, camera and robot',
         'A cycle is a vibration, the time until the parts are at rest, an image, and\n'
@@ -219,6 +212,26 @@ def add_cell(
         action='store_true',
         help='the next vibration, settling and image run while the robot places the last part',
     )
+    add_tray(group)
+    text = 'minimum distance from a part that can be picked to any other part (5mm)'
+    options.add_number(group, '--clearance', 'm', text, default='5mm')
+    group.add_argument(
+        '--gripper',
+        metavar='LxW',
+        type=parse_gripper,
+        help='footprint of the gripper, in which no other part may be: length along the part '
+        'and width, or a diameter, such as 40x10mm or 20mm (none)',
+    )
+    number = 'number of parts on the tray (the one with the highest rate)'
+    options.add_integer(group, '--parts-on-tray', number)
+    picks = 'maximum number of picks after one image (all free parts)'
+    options.add_integer(group, '--max-picks', picks)
+    text = 'duration of a run, for the interval of its rate (60)'
+    options.add_number(group, '--minutes', '', text, default='60')
+
+
+def add_tray(group: 'argparse._ActionsContainer') -> None:
+    """Add --tray, two sides."""
     group.add_argument(
         '--tray',
         metavar='WxD',
@@ -226,34 +239,6 @@ def add_cell(
         default='200x200mm',
         help='width and depth of the tray (200x200mm)',
     )
-    text = 'minimum distance from a part that can be picked to any other part (5mm)'
-    options.add_number(group, '--clearance', 'm', text, default='5mm')
-    if gripper:
-        group.add_argument(
-            '--gripper',
-            metavar='LxW',
-            type=parse_gripper,
-            help='footprint of the gripper, in which no other part may be: length along the part '
-            'and width, or a diameter, such as 40x10mm or 20mm (none)',
-        )
-    number = 'number of parts on the tray (the one with the highest rate)'
-    options.add_integer(group, '--parts-on-tray', number)
-    picks = 'maximum number of picks after one image (all free parts)'
-    options.add_integer(group, '--max-picks', picks)
-    group.add_argument(
-        '--minutes',
-        metavar='MIN',
-        type=partial(parse_quantity, '--minutes', unit=''),
-        default=minutes,
-        help=f'duration of {duration} ({minutes})',
-    )
-
-
-def requested_times(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of `cycle_times` that have a flag."""
-    given = {name: getattr(arguments, name) for name in _TIMES}
-    times = {name: time for name, time in given.items() if time is not None}
-    return {**times, 'overlap': arguments.overlap}
 
 
 def parse_tray(text: str) -> tuple[float, float]:

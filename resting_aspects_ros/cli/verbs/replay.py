@@ -3,16 +3,10 @@
 import argparse
 from pathlib import Path
 
-from resting_aspects_ros.api.runner import ShownProgress
 from resting_aspects_ros.cli.options import add_number, add_ros_args
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import is_printable
-from resting_aspects_ros.nodes.log_replayer.node import (
-    MAX_RATE,
-    MIN_RATE,
-    LogReplayer,
-    ReplayPosition,
-)
+from resting_aspects_ros.nodes.log_replayer.node import MAX_RATE, MIN_RATE, LogReplayer
 from resting_aspects_ros.ros.program import spin_nodes
 
 DESCRIPTION = """Publish the messages of a log on the topics of the suite, with the recorded
@@ -72,24 +66,4 @@ def run(arguments: argparse.Namespace) -> int:
     flags = ('as_fast_as_possible', 'loop', 'clock')
     given |= {name: True for name in flags if getattr(arguments, name)}
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
-    with _ReplayProgress('', 1.0) as progress:
-        return spin_nodes([lambda: LogReplayer(given, progress.update)], ros_args)
-
-
-class _ReplayProgress(ShownProgress):
-    """Progress bar with the position of a replay; only on a terminal."""
-
-    def update(self, position: ReplayPosition) -> None:
-        """Update the displayed position; the first call shows the bar, the end removes it."""
-        if self._bar is None:
-            return
-        self._bar.update(
-            self._task,
-            description='paused' if position.paused else 'replay',
-            completed=1.0 if position.over else position.seconds / (position.length or 1.0),
-            text=str(position),
-        )
-        self._bar.start()
-        if position.over:
-            self._bar.stop()
-            self._bar = None
+    return spin_nodes([lambda: LogReplayer(given)], ros_args)
