@@ -19,24 +19,14 @@ from importlib import import_module
 from io import TextIOWrapper
 from typing import Any, NoReturn
 
-from resting_aspects_ros import __version__
+from resting_aspects_ros import __version__, errors
 from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT, tables_written
 from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS
-from resting_aspects_ros.errors import (
-    InvalidValueError,
-    NoLogError,
-    PartError,
-    RestingAspectsError,
-    RestingAspectsWarning,
-    StoppedError,
-    UnknownPartError,
-    did_you_mean,
-    one_line,
-    shown,
-)
 from resting_aspects_ros.system import SIGNALS, catch
 
 MAX_LINE = 2000
+# Errors of input: the exit code is 2.
+WRONG = errors.PartError, errors.UnknownPartError, errors.InvalidValueError, errors.NoLogError
 INSTALL_ROS = 'run `make setup` in a clone of the suite, or use an installed ROS 2 Jazzy'
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
@@ -63,8 +53,8 @@ class _Parser(argparse.ArgumentParser):
         if re.fullmatch(r'unrecognized arguments:[ \d,]+', message):
             message += '; several numbers are separated by commas without spaces, such as 1,3'
         elif unknown := re.match(r'unrecognized arguments: (--[a-z-]+)', message):
-            message += did_you_mean(unknown[1], self.flags)
-        text = f'{one_line(message, MAX_LINE)} (see {self.helpful or self.prog} --help)'
+            message += errors.did_you_mean(unknown[1], self.flags)
+        text = f'{errors.one_line(message, MAX_LINE)} (see {self.helpful or self.prog} --help)'
         self.exit(WRONG_INPUT, f'error: {text}\n')
 
 
@@ -84,8 +74,8 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     requested = next((word for word in argv if not word.startswith('-')), '')
     if argv and requested == argv[0] and requested not in COMMANDS:
         parser.error(
-            f'invalid command {shown(requested)}: expected one of {", ".join(COMMANDS)}'
-            f'{did_you_mean(requested, COMMANDS)}'
+            f'invalid command {errors.shown(requested)}: expected one of {", ".join(COMMANDS)}'
+            f'{errors.did_you_mean(requested, COMMANDS)}'
         )
     for command in COMMANDS:
         if command == requested:
@@ -128,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         catch(signal.default_int_handler)
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter('always', RestingAspectsWarning)
+                warnings.simplefilter('always', errors.RestingAspectsWarning)
                 warnings.showwarning = partial(_print_warning, warnings.showwarning)
                 arguments = make_parser(words).parse_args(words)
                 with tables_written(getattr(arguments, 'table', None)):
@@ -146,7 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         return _end(INTERRUPTED, str(interrupt) or 'interrupted')
-    except StoppedError as error:
+    except errors.StoppedError as error:
         return _end(INTERRUPTED, str(error))
     except Exception as error:  # noqa: BLE001 an unknown error is raised again
         return _end(*_outcome(error))
@@ -157,7 +147,7 @@ def _print_warning(
     show: Callable[..., object], message: Warning | str, category: type[Warning], *where: Any
 ) -> None:
     """Print a warning of the suite as one line, and show any other one."""
-    if issubclass(category, RestingAspectsWarning):
+    if issubclass(category, errors.RestingAspectsWarning):
         print(f'warning: {message}', file=sys.stderr)
     else:
         show(message, category, *where)
@@ -171,7 +161,7 @@ def _discard_output() -> None:
 def _outcome(error: Exception) -> tuple[int, str]:
     """Return exit code and message of an error; raises an unexpected error again."""
     code, text = FAILED, str(error)
-    if isinstance(error, PartError | UnknownPartError | InvalidValueError | NoLogError):
+    if isinstance(error, WRONG):
         code = WRONG_INPUT
     elif isinstance(error, MemoryError):
         text = 'there is not enough memory'
@@ -183,7 +173,7 @@ def _outcome(error: Exception) -> tuple[int, str]:
             _discard_output()
             place = 'standard output: '
         text = f'{place}{error.strerror or error}'
-    elif not isinstance(error, RestingAspectsError):
+    elif not isinstance(error, errors.RestingAspectsError):
         raise error
     return code, f'error: {text}'
 
@@ -208,5 +198,5 @@ def _joined(argv: Sequence[str]) -> list[str]:
 
 def _end(code: int, message: str) -> int:
     with suppress(OSError):  # the terminal is closed
-        print(one_line(message, MAX_LINE), file=sys.stderr)
+        print(errors.one_line(message, MAX_LINE), file=sys.stderr)
     return code

@@ -24,6 +24,7 @@ from resting_aspects_ros.simulation.conditions import (
 
 if TYPE_CHECKING:
     from resting_aspects_ros.part.part import Part
+    from resting_aspects_ros.simulation.actions import Actions
 
 MAX_INTEGER = 1e20
 
@@ -179,6 +180,14 @@ def add_actions_file(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--actions', metavar='FILE', type=Path, help='file of named actions (config/actions.yaml)'
     )
+
+
+def known_actions(arguments: argparse.Namespace) -> 'Actions':
+    """Return the actions of the file that --actions names, or those of the suite."""
+    from resting_aspects_ros.api.conditions import shipped_actions
+    from resting_aspects_ros.simulation.actions import Actions
+
+    return shipped_actions() if arguments.actions is None else Actions(arguments.actions)
 
 
 def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:

@@ -22,16 +22,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.ros import interface
 from resting_aspects_ros.ros.goal_client import goal_result
-from resting_aspects_ros.ros.interface import (
-    ACTION_SERVICES,
-    ASPECT_CLASSIFIER,
-    DROP_PART,
-    DROP_SIMULATOR,
-    LATCHED,
-    PRESENCE,
-    SERVICES,
-)
 from resting_aspects_ros.ros.program import check_domain, not_utf8
 from resting_aspects_ros.ros.requests import CanceledError, NotAvailableError
 
@@ -41,8 +33,6 @@ T = TypeVar('T')
 SERVICE_TIMEOUT = 20.0
 # Timeout for the simulator once the classifier is ready, s.
 SIMULATOR_TIMEOUT = 10.0
-# Time after which a warning reports that a node is not ready, s; starting nodes need less.
-WARN_DELAY = 5.0
 # Time without a response after which a request is sent again, s; it doubles with each retry. A
 # discovered service may not have discovered the client yet, or may have been restarted.
 RETRY_PERIOD = 5.0
@@ -156,9 +146,9 @@ class Connection:
             if name not in self._clients:
                 full = self.service(name)
                 self._clients[name] = (
-                    ActionClient(self.node, kind, full, **ACTION_SERVICES)
+                    ActionClient(self.node, kind, full, **interface.ACTION_SERVICES)
                     if hasattr(kind, 'Goal')
-                    else self.node.create_client(kind, full, qos_profile=SERVICES)
+                    else self.node.create_client(kind, full, qos_profile=interface.SERVICES)
                 )
             return self._clients[name]
 
@@ -204,7 +194,6 @@ class Request:
         Description of the result for errors, such as 'the distribution of l_bracket'.
     timeout : float, optional
         Timeout of the whole request, s; None: no limit.
-    warn : called once if a node is not ready after WARN_DELAY
     canceled : returns whether the caller no longer waits
     state : str
         Description of the progress for errors.
@@ -213,10 +202,8 @@ class Request:
     connection: Connection
     description: str
     timeout: float | None
-    warn: Callable[[str], object]
     canceled: Callable[[], bool]
     state: str = ''
-    _warned: bool = False
     _started: float = field(default_factory=time.monotonic)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
@@ -233,7 +220,11 @@ class Request:
         try:
             while True:
                 self._wait_for_node(
-                    ASPECT_CLASSIFIER, name, client.service_is_ready, SERVICE_TIMEOUT, start
+                    interface.ASPECT_CLASSIFIER,
+                    name,
+                    client.service_is_ready,
+                    SERVICE_TIMEOUT,
+                    start,
                 )
                 futures.append(client.call_async(request))
                 futures[-1].add_done_callback(take)
@@ -250,9 +241,13 @@ class Request:
         """Return the result of a goal of drop_part or reorient_part, canceled with the request."""
         client = self.connection.client(kind, name)
         self._wait_for_node(
-            DROP_SIMULATOR, name, client.server_is_ready, SIMULATOR_TIMEOUT, 'start drop_simulator'
+            interface.DROP_SIMULATOR,
+            name,
+            client.server_is_ready,
+            SIMULATOR_TIMEOUT,
+            'start drop_simulator',
         )
-        unit = 'drops' if name == DROP_PART else 'actions'
+        unit = 'drops' if name == interface.DROP_PART else 'actions'
         feedback: deque[Any] = deque()
         wanted, done = True, 0
 
@@ -287,7 +282,7 @@ class Request:
 
         subscription = connection.run(
             lambda: connection.node.create_subscription(
-                kind, connection.topic(name), receive, LATCHED
+                kind, connection.topic(name), receive, interface.LATCHED
             )
         )
         try:
@@ -331,7 +326,7 @@ class Request:
     ) -> None:
         """Wait until a node of a kind is alive and its service is discovered."""
         connection = self.connection
-        present = connection.topic(f'{PRESENCE}/{kind}')
+        present = connection.topic(f'{interface.PRESENCE}/{kind}')
         start = self._started if self.timeout is not None else time.monotonic()
         timeout = timeout if self.timeout is None else min(timeout, self.timeout)
         while True:
@@ -339,12 +334,11 @@ class Request:
             if is_offered() and connection.node.count_publishers(present):
                 return
             waited = time.monotonic() - start
-            missing = f'no {kind} answers on {connection.service(name)}'
             if waited >= timeout:
-                raise AnswerTimeoutError(f'{missing}, waited {timeout:g} s: {hint}')
-            if waited >= WARN_DELAY and not self._warned:
-                self._warned = True
-                self.warn(f'{missing} yet, waiting up to {timeout:g} s')
+                raise AnswerTimeoutError(
+                    f'no {kind} answers on {connection.service(name)}, waited {timeout:g} s: '
+                    f'{hint}'
+                )
             time.sleep(min(CHECK_PERIOD, timeout - waited))
 
 

@@ -9,7 +9,6 @@ from typing import Any
 from resting_aspects_ros.api.forecast import DEFAULT_ACTION, forecast_each
 from resting_aspects_ros.api.forecast_result import ForecastResult, save_forecast_picture
 from resting_aspects_ros.cli import life_cycle, options
-from resting_aspects_ros.cli.action_options import known_actions
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.footprint import Footprint
@@ -142,11 +141,13 @@ def _requested(arguments: argparse.Namespace) -> dict[str, Any]:
         if len(arguments.part) > 1:
             raise InvalidValueError('invalid --grasps: expected a single part')
         requested['grasps'] = load_grasps(arguments.grasps)
-    same = ('overlap', 'tray', 'clearance', 'gripper', 'parts_on_tray', 'max_picks', 'minutes')
-    same += ('controller', 'per_aspect', 'drops', 'seed', 'confidence')
+    same = (
+        *('overlap', 'tray', 'clearance', 'gripper', 'parts_on_tray', 'max_picks', 'minutes'),
+        *('controller', 'per_aspect', 'drops', 'seed', 'confidence'),
+    )
     requested |= {name: getattr(arguments, name) for name in same}
     surface = options.requested_conditions(arguments)
-    action = known_actions(arguments).get(arguments.action)
+    action = options.known_actions(arguments).get(arguments.action)
     return {**requested, 'action': action, 'surface': surface}
 
 
@@ -259,7 +260,7 @@ def parse_gripper(text: str) -> Footprint:
             f'invalid --gripper {shown(text)}: expected length and width, or a diameter, with a '
             'unit, such as 40x10mm or 20mm'
         )
-    return Footprint(*sides) if len(sides) == 2 else Footprint(0, 0, sides[0] / 2)
+    return Footprint(sides[0], sides[1]) if len(sides) == 2 else Footprint(0, 0, sides[0] / 2)
 
 
 def _sides(flag: str, text: str) -> list[float]:

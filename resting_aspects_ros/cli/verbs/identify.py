@@ -5,13 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from resting_aspects_ros.api.identify import (
-    identification_document,
-    identification_hint,
-    identify_part,
-    known_part,
-    read_polygon,
-)
+from resting_aspects_ros.api import identify
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
@@ -36,8 +30,6 @@ TELECENTRIC = (
     'The outline is taken as seen from straight above (telecentric lens); for a lens with '
     'perspective, give --camera.'
 )
-# Candidates whose logarithms of the likelihood differ by less fit equally well.
-EQUAL_LIKELIHOOD = 0.7
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,15 +62,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Identify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     noise, camera = OutlineNoise(arguments.noise), arguments.camera
     path = arguments.polygon
-    seen = read_polygon(path)
+    seen = identify.read_polygon(path)
     parts = [options.requested_part(arguments, given) for given in arguments.parts_]
-    known = [known_part(part) for part in parts]
-    found = identify_part(seen, known, noise=noise, camera=camera)
-    hint = identification_hint(found, seen, known, noise)
+    known = [identify.known_part(part) for part in parts]
+    found = identify.identify_part(seen, known, noise=noise, camera=camera)
+    hint = identify.identification_hint(found, seen, known, noise)
     shown_hint = hint if camera else f'{hint} {TELECENTRIC}'.strip()
     show_result(
         arguments,
-        lambda: to_json({**identification_document(found), 'hint': hint or None}),
+        lambda: to_json({**identify.identification_document(found), 'hint': hint or None}),
         lambda: _show(found, path.name, shown_hint),
     )
     return DONE
@@ -122,24 +114,7 @@ def _show(found: Identification, name: str, hint: str) -> None:
     for label, share in (('none of these', found.none), ('touching parts', found.touching)):
         table.add_row(label, '', f'{100 * share:.1f} %')
     show_table(table)
-    show_texts(hint, _equal_text(found))
-
-
-def _equal_text(found: Identification) -> str:
-    """Return which candidates the outline does not distinguish; empty without any."""
-    first, *others = found.candidates
-    equal = [
-        each
-        for each in (first, *others)
-        if abs(each.log_likelihood - first.log_likelihood) < EQUAL_LIKELIHOOD
-    ]
-    if found.best is None or len(equal) < 2:
-        return ''
-    names = [f'{each.part} {", ".join(map(str, each.aspects))}' for each in equal]
-    return (
-        f'The outline fits these aspects equally well: {"; ".join(names)}. Only their shares make '
-        'one of them more probable.'
-    )
+    show_texts(hint)
 
 
 def _answer(found: Identification) -> str:

@@ -21,13 +21,7 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_doc
 from resting_aspects_ros.report.drops import contact_rows, contact_table
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import action_from
-from resting_aspects_ros.run_logs.contents import (
-    LoggedRun,
-    logged_result,
-    read_feeder_log,
-    read_logged_run,
-    rest_of_run,
-)
+from resting_aspects_ros.run_logs import contents
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution
@@ -54,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read a log and show its contents; returns the exit code. Raises LogError."""
-    found = read_logged_run(arguments.log)
+    found = contents.read_logged_run(arguments.log)
     described, action = found.run, None
     if described is None and (matrix := found.transitions) is not None:
         described, action = run_from(matrix.run), action_from(matrix.action)
@@ -92,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     return DONE
 
 
-def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:
+def _counted(found: contents.LoggedRun) -> tuple[Distribution, bool] | None:
     """Return the distribution in a log, or of its drops if it has none, and if it is complete."""
     if found.last_distribution is not None:
         distribution, _, complete = found.last_distribution
@@ -100,19 +94,19 @@ def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:
     run, part = found.run, found.part
     if run is None or part is None or part.part_sha256 != run.part_sha256:
         return None
-    result = logged_result(found.log)
+    result = contents.logged_result(found.log)
     return dataclasses.replace(result.distribution, contacts=result.contacts), result.complete
 
 
 def _lines(
-    found: LoggedRun, run: RunDescription | None, action: NamedAction | None
+    found: contents.LoggedRun, run: RunDescription | None, action: NamedAction | None
 ) -> Iterator[tuple[str, str]]:
     """Yield label and text of each fact."""
     size = sum(file.stat().st_size for file in log_files(found.log))
     yield 'log', f'{found.path}, {size / 1e6:.3g} MB'
     yield '', f'{_state(found)}, {found.messages} messages'
     if run is None:
-        feeder = read_feeder_log(found.log)
+        feeder = contents.read_feeder_log(found.log)
         yield from feeder.lines() if feeder else [('drops', 'none')]
         return
     part = found.part
@@ -134,7 +128,7 @@ def _lines(
     yield 'run id', run.run_id
 
 
-def _state(found: LoggedRun) -> str:
+def _state(found: contents.LoggedRun) -> str:
     if found.being_written:
         return 'being written'
     if not found.finished:
@@ -142,17 +136,17 @@ def _state(found: LoggedRun) -> str:
     return 'closed'
 
 
-def _drops(run: RunDescription, found: LoggedRun) -> str:
+def _drops(run: RunDescription, found: contents.LoggedRun) -> str:
     words = f'{found.outcome.drops} of {run.drops}'
     if run.first_drop:
         words += f', from drop {run.first_drop} on'
     if run.precision:
         words += f', to a precision of {run.precision:g}'
-    return words + (rest_of_run(run, found.outcome) if found.finished else '')
+    return words + (contents.rest_of_run(run, found.outcome) if found.finished else '')
 
 
 def _fields(
-    found: LoggedRun, run: RunDescription | None, action: NamedAction | None
+    found: contents.LoggedRun, run: RunDescription | None, action: NamedAction | None
 ) -> dict[str, object]:
     """Return the run and the state of a log as fields of a document."""
     drops = found.outcome.drops
@@ -165,7 +159,7 @@ def _fields(
         'poses': drops if action is None else 0,
     }
     fields: dict[str, object] = {} if run is None else run.document()
-    if run is None and (feeder := read_feeder_log(found.log)) is not None:
+    if run is None and (feeder := contents.read_feeder_log(found.log)) is not None:
         fields['feeder'] = feeder.document()
     if found.part is not None:
         fields['mesh_sha256'] = found.part.mesh_sha256

@@ -5,7 +5,6 @@ from functools import partial
 
 from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.cli import life_cycle, options
-from resting_aspects_ros.cli.action_options import known_actions
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.studies.design import parse_ranges
@@ -77,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     with life_cycle.session(arguments) as started:
         action = None
         if arguments.action is not None:
-            action = known_actions(arguments).get(arguments.action)
+            action = options.known_actions(arguments).get(arguments.action)
         else:
             options.refuse(arguments, ('actions',), 'with --action')
         conditions = all_surfaces(arguments.surfaces).get(arguments.surface)

@@ -1,8 +1,10 @@
 """`resting_aspects reorient`: how an action brings a part from aspect to aspect."""
 
 import argparse
+import dataclasses
 import sys
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -23,27 +25,26 @@ from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli import life_cycle, options
-from resting_aspects_ros.cli.action_options import add_action_values, requested_actions
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.errors import analysis
+from resting_aspects_ros.errors import InvalidValueError, analysis
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report import transitions
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
-from resting_aspects_ros.report.transitions import (
-    Rows,
-    actions_table,
-    long_run_table,
-    long_run_text,
-    plan_table,
-    suffix_of,
-    table_rows,
-    transition_table,
-    wanted_table,
+from resting_aspects_ros.simulation.actions import (
+    DEFAULT_TIME,
+    KINDS,
+    TIME,
+    Actions,
+    NamedAction,
+    make_action,
 )
-from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
+from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS, quantities_of
 from resting_aspects_ros.statistics.markov import Plan
 from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 DOCUMENT, ROADMAP = 'transitions.json', 'roadmap.json'
+DEFAULT_ACTION = 'tap'
+_PREFIX = 'action_'
 
 DESCRIPTION = """Simulate what a feeder does to parts at rest, many times from each aspect, and
 show in which aspects they come to rest again: the transition matrix, the
@@ -114,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='repeat the actions with half the time step, and show how much the matrix changes',
     )
     options.add_output(parser)
-    add_action_values(parser)
+    _add_action_values(parser)
     options.add_contact_conditions(parser)
     options.add_surroundings(parser)
 
@@ -122,7 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
     with life_cycle.session(arguments) as started:
-        actions = requested_actions(arguments)
+        actions = _requested_actions(arguments)
         conditions = options.requested_conditions(arguments)
         part = options.requested_part(arguments)
         ids, numbers = arguments.wanted, arguments.wanted_classes
@@ -149,10 +150,12 @@ def run(arguments: argparse.Namespace) -> int:
         if wanted and all(result.long_run is not None for result in results):
             with analysis('the best plan'):
                 plan = plan_reorientation(results, wanted)
-        files = {ROADMAP: partial(_save_roadmap, results, part)}
+        files: dict[str, Callable[[Path], object]] = {
+            ROADMAP: partial(_save_roadmap, results, part)
+        }
         names = [result.action.name for result in results]
         for result in results if not arguments.report else ():  # the page has the same pictures
-            name = f'transitions{suffix_of(result.action.name, names)}.png'
+            name = f'transitions{transitions.suffix_of(result.action.name, names)}.png'
             files[name] = result.save_picture
         by_class = not (arguments.each or ids is not None)
         life_cycle.finish(
@@ -170,6 +173,64 @@ def run(arguments: argparse.Namespace) -> int:
             failure=failure,
             unchecked=arguments.check_convergence and started['stopped']() and not checked,
         )
+
+
+# -- Actions --------------------------------------------------------------------------------------
+
+
+def _add_action_values(parser: argparse.ArgumentParser) -> None:
+    """Add a flag for each value of each kind of action; see requested_actions.
+
+    The flag of a value that several kinds have is in the group of the first of them. The groups of
+    the others describe it.
+    """
+    known: set[str] = set()
+    for kind, action in KINDS.items():
+        values = quantities_of(action)
+        shared = [f'{options.flag_of(k)}: {q.text}' for k, q in values.items() if k in known]
+        text = textwrap.fill('; '.join(shared), 76) or None
+        group = parser.add_argument_group(f'values of the action {kind}', text)
+        options.add_quantities(group, {k: q for k, q in values.items() if k not in known}, _PREFIX)
+        known |= values.keys()
+    group = parser.add_argument_group('time of the action')
+    options.add_quantities(group, {'time': TIME}, _PREFIX)
+
+
+def _requested_actions(arguments: argparse.Namespace) -> list[NamedAction]:
+    """Return the actions that the flags request; raises InvalidValueError."""
+    known = options.known_actions(arguments)
+    values = {
+        name: value
+        for name in {name for kind in KINDS.values() for name in quantities_of(kind)}
+        if (value := getattr(arguments, _PREFIX + name)) is not None
+    }
+    time = arguments.action_time
+    text = arguments.action
+    if text is None:
+        text = DEFAULT_ACTION if arguments.actions is None else ','.join(known.names())
+    names = [name.strip() for name in text.split(',')]
+    if len(names) != len(set(names)):
+        raise InvalidValueError(f'invalid --action {text!r}: expected different names')
+    if (values or time is not None) and len(names) > 1:
+        raise InvalidValueError(
+            f'invalid --action {text!r}: expected a single action with values, such as --speed'
+        )
+    return [_named_action(name, known, values, time) for name in names]
+
+
+def _named_action(
+    name: str, known: Actions, values: dict[str, float], time: float | None
+) -> NamedAction:
+    if name in KINDS and name not in known.names():
+        action = make_action(name, values)
+        return NamedAction(name, action, DEFAULT_TIME if time is None else time)
+    base = known.get(name)
+    if time is not None:
+        base = dataclasses.replace(base, time=time)
+    if not values:
+        return base
+    changed = make_action(base.action.kind, {**base.action.numbers, **values})
+    return NamedAction(f'{name}_changed', changed, base.time)
 
 
 # -- Tables ---------------------------------------------------------------------------------------
@@ -190,24 +251,24 @@ def _show(
     if len(results) == 1:
         return
     views = {each.action.name: each.by_class() if by_class else each for each in results}
-    rows = table_rows(results[0].matrix.aspects, by_class=by_class)
+    rows = transitions.table_rows(results[0].matrix.aspects, by_class=by_class)
     shares = {name: v.long_run.shares for name, v in views.items() if v.long_run is not None}
     if shares:
         drop = next(iter(views.values())).drop_shares
         mask = _wanted_rows(wanted, rows)
         print()
         title = 'in the long run, by action'
-        show_table(actions_table(rows, drop / drop.sum(), shares, mask, title))
+        show_table(transitions.actions_table(rows, drop / drop.sum(), shares, mask, title))
     if plan is not None:
         first = np.array([row[0].id - 1 for row in rows])
         shown = Plan(plan.plan.action[first], plan.plan.time[first])
         print()
-        show_table(plan_table(rows, shown, plan.names, 'best plan'))
+        show_table(transitions.plan_table(rows, shown, plan.names, 'best plan'))
 
 
 def _show_result(result: ReorientResult, wanted: Sequence[int], *, by_class: bool) -> None:
     title = f'{result.title}\n{result.action.text}'
-    show_table(transition_table(result.matrix, by_class, title))
+    show_table(transitions.transition_table(result.matrix, by_class, title))
     if not result.action.action.has_effect:
         show_texts('The action has no effect: every part stays where it is.')
     if result.matrix.sliding:
@@ -215,9 +276,9 @@ def _show_result(result: ReorientResult, wanted: Sequence[int], *, by_class: boo
     if result.pieces is not None:
         show_texts(pieces_text(result.pieces, 'The edge meets'))
     view = result.by_class() if by_class else result
-    rows = table_rows(result.matrix.aspects, by_class=by_class)
+    rows = transitions.table_rows(result.matrix.aspects, by_class=by_class)
     if view.long_run is not None:
-        table = long_run_table(
+        table = transitions.long_run_table(
             rows,
             view.long_run,
             *view.long_run_bounds,
@@ -228,19 +289,19 @@ def _show_result(result: ReorientResult, wanted: Sequence[int], *, by_class: boo
         )
         print()
         show_table(table)
-        show_texts(long_run_text(rows, view.long_run))
+        show_texts(transitions.long_run_text(rows, view.long_run))
     if wanted and (view.matrix.actions > 0).all():
         mask = _wanted_rows(wanted, rows)
         way = view.reach((np.flatnonzero(mask) + 1).tolist())
         print()
-        show_table(wanted_table(rows, mask, *way, 'the way to wanted aspects'))
+        show_table(transitions.wanted_table(rows, mask, *way, 'the way to wanted aspects'))
     if result.convergence is not None:
         classes = result.matrix.aspects.classes()
         names = [f'aspect {"+".join(str(a.id) for a in row)}' for row in classes]
         show_texts(result.convergence.text([*names, *OUTCOMES]))
 
 
-def _wanted_rows(wanted: Sequence[int], rows: Rows) -> npt.NDArray[np.bool_]:
+def _wanted_rows(wanted: Sequence[int], rows: transitions.Rows) -> npt.NDArray[np.bool_]:
     """Return which rows have wanted aspects only, (rows,) bool."""
     return np.array([all(aspect.id in wanted for aspect in row) for row in rows])
 

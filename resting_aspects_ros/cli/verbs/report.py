@@ -5,12 +5,10 @@ from pathlib import Path
 
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
-from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.result import make_folder
 from resting_aspects_ros.api.result_json import document_result
 from resting_aspects_ros.cli import options
-from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import is_log
 
 DESCRIPTION = """Write report.html, one file that needs no network. It shows the part in 3D, a
@@ -52,21 +50,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the result and write the report; returns the exit code. Raises RestingAspectsError."""
     result = _read_result(arguments)
-    against = None
+    against, verdict = None, ''
     if arguments.against is not None:
         against = read_counts(arguments.against)
-        aspects = result.distribution.aspects
-        if not result.distribution.counts.any():
-            raise InvalidValueError(
-                f'invalid result {str(arguments.result)!r}: expected at least one drop in an '
-                'aspect for --against'
-            )
-        check_against(against, result.run.part, result.run.part_sha256, aspects)
+        verdict = compare(result, against).verdict
     folder = arguments.out or Path('out') / result.run.part
     make_folder('--out', folder)
     print(f'Report: {result.report(folder, against)}')
-    if against is not None:
-        print(compare(result, against).verdict)
+    if verdict:
+        print(verdict)
     return 0
 
 

@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     options.requested_conditions(arguments)
     with (
         Interruption() as stop,
-        RestingAspectsClient(ros_args=arguments.ros_args, warn=warn, check=stop.check) as client,
+        RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client,
     ):
         if arguments.method != METHOD:
             found = estimate_from(client.get_distribution(arguments.part, method=arguments.method))

@@ -10,15 +10,8 @@ from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
 from resting_aspects_ros.errors import InvalidValueError, analysis, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES, all_surfaces
+from resting_aspects_ros.studies import study
 from resting_aspects_ros.studies.design import parse_ranges
-from resting_aspects_ros.studies.study import (
-    SPEC,
-    StudyResult,
-    StudySpec,
-    make_spec,
-    read_spec,
-    run_study,
-)
 
 WIDTH = 80  # of the text
 # Flags of what a study.yaml defines.
@@ -102,10 +95,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
     with session(arguments) as started:
         spec, folder = _requested(arguments)
-        return _show(run_study(spec, folder, **started), folder)
+        return _show(study.run_study(spec, folder, **started), folder)
 
 
-def _requested(arguments: argparse.Namespace) -> tuple[StudySpec, Path]:
+def _requested(arguments: argparse.Namespace) -> tuple[study.StudySpec, Path]:
     """Return the requested study and its folder; raises InvalidValueError."""
     changes: dict[str, Any] = {
         name: value
@@ -114,8 +107,8 @@ def _requested(arguments: argparse.Namespace) -> tuple[StudySpec, Path]:
     }
     surfaces = all_surfaces(arguments.surfaces)
     first = Path(arguments.parts[0])
-    if first.is_dir() and (first / SPEC).exists():
-        first /= SPEC
+    if first.is_dir() and (first / study.SPEC).exists():
+        first /= study.SPEC
     if first.suffix.lower() in {'.yaml', '.yml'}:
         if len(arguments.parts) > 1:
             raise InvalidValueError(
@@ -123,9 +116,9 @@ def _requested(arguments: argparse.Namespace) -> tuple[StudySpec, Path]:
                 f'{str(first)!r}, which defines them'
             )
         options.refuse(arguments, _OF_A_STUDY, f'without {str(first)!r}, which defines it')
-        own = first.parent if first.name == SPEC else Path('out') / first.stem
-        return read_spec(first, changes, surfaces), arguments.out or own
-    spec = make_spec(_document(arguments, changes), surfaces=surfaces)
+        own = first.parent if first.name == study.SPEC else Path('out') / first.stem
+        return study.read_spec(first, changes, surfaces), arguments.out or own
+    spec = study.make_spec(_document(arguments, changes), surfaces=surfaces)
     name = '_'.join(part.name for part in spec.parts[:3])
     return spec, arguments.out or Path('out') / f'study_{name}'
 
@@ -149,7 +142,7 @@ def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[st
     }
 
 
-def _show(result: StudyResult, folder: Path) -> int:
+def _show(result: study.StudyResult, folder: Path) -> int:
     """Write the tables and the page, and print the findings; returns the exit code."""
     for case in result.cases:
         if case.skipped:
@@ -175,7 +168,7 @@ def _show(result: StudyResult, folder: Path) -> int:
     return 0
 
 
-def _show_findings(result: StudyResult) -> None:
+def _show_findings(result: study.StudyResult) -> None:
     """Print the findings of each case, each as a sentence with details below it."""
     for case in result.cases:
         print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')

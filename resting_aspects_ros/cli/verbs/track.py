@@ -128,12 +128,11 @@ def run(arguments: argparse.Namespace) -> int:
             partial(_show, result),
             result.report,
         )
-        is_design = isinstance(result, TrackDesign)
-        drop = result.best.drop if is_design else result.drop
+        drop = result.best.drop if isinstance(result, TrackDesign) else result.drop
         has = f'{drop.distribution.drops} of {arguments.drops} drops'
         code = life_cycle.exit_code(has, complete=result.complete, failure=failure)
-        if code == life_cycle.DONE and is_design and not result.designs:
-            return life_cycle.FAILED
+        if isinstance(result, TrackDesign) and not result.designs:
+            return code or life_cycle.FAILED
         return code
 
 
