@@ -42,14 +42,11 @@ def show_table(table: Table) -> None:
     console.print(table)
 
 
-def show_texts(*texts: str, soft_wrap: bool = False) -> None:
-    """Print texts in lines of the width of the terminal, except empty ones.
-
-    With ``soft_wrap`` the terminal wraps them.
-    """
+def show_texts(*texts: str) -> None:
+    """Print texts in lines of the width of the terminal, except empty ones."""
     console = make_console()
     for text in filter(None, texts):
-        console.print(text, markup=False, highlight=False, soft_wrap=soft_wrap)
+        console.print(text, markup=False, highlight=False)
 
 
 def print_table(

@@ -90,13 +90,8 @@ def drop_and_show(arguments: argparse.Namespace, session: dict[str, Any]) -> int
     result, failure = _result(simulate, arguments, out)
     result = dataclasses.replace(result, mesh_file=mesh_file(arguments.part))
     _show(result, arguments, out)
-    unchecked = result.convergence is None and session['stopped']()
-    return life_cycle.exit_code(
-        f'{result.distribution.drops} of {result.run.drops} drops',
-        complete=result.complete,
-        failure=failure,
-        unchecked=arguments.check_convergence and unchecked,
-    )
+    has = f'{result.distribution.drops} of {result.run.drops} drops'
+    return life_cycle.exit_code(has, session, failure)
 
 
 def _requested(arguments: argparse.Namespace) -> tuple[Callable[..., DropResult], str]:

@@ -2,12 +2,9 @@
 
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
@@ -19,7 +16,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
 from resting_aspects_ros.api.runner import TerminalDisplay
-from resting_aspects_ros.client.connection import new_context
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.report.format import minutes_text, number_text
 from resting_aspects_ros.ros.conversions import nanoseconds
@@ -241,18 +237,3 @@ class FeederDisplay(TerminalDisplay):
         if self._live is not None:
             self._live.start()
             self._live.update(feeder_table(watch, forecast), refresh=True)
-
-
-@contextmanager
-def spun_node(ros_args: list[str]) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    """Context manager of a node in a ROS context of its own, and its executor."""
-    context = new_context(ros_args)
-    node = Node('feeder_demo', context=context, enable_rosout=False)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
-        yield node, executor
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        context.try_shutdown()

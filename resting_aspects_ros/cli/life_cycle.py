@@ -56,28 +56,18 @@ def partial_result(simulate: Callable[[], T]) -> tuple[T, RestingAspectsError | 
 
 
 def exit_code(
-    has: str,
-    *,
-    complete: bool,
-    failure: RestingAspectsError | None = None,
-    unchecked: bool = False,
+    has: str, started: dict[str, Any], failure: RestingAspectsError | None = None
 ) -> int:
-    """Return the exit code, after a message if the result is not complete; raises the failure.
+    """Return the exit code, after a message if Ctrl-C was pressed; raises the failure.
 
-    Parameters
-    ----------
-    has : str
-        How much the result has.
-    unchecked : bool
-        Whether Ctrl-C ended the check of the convergence.
+    has : how much the result has
     """
     if failure is not None:
         raise type(failure)(f'{failure}; the result has {has}')
-    if not complete:
-        print(f'interrupted; the result has {has}', file=sys.stderr)
-    elif unchecked:
-        print('interrupted; convergence was not checked', file=sys.stderr)
-    return INTERRUPTED if unchecked or not complete else DONE
+    if not started['stopped']():
+        return DONE
+    print(f'interrupted; the result has {has}', file=sys.stderr)
+    return INTERRUPTED
 
 
 # -- Files ----------------------------------------------------------------------------------------

@@ -9,18 +9,7 @@ from typing import TYPE_CHECKING
 
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import NUMBER, parse_quantity
-from resting_aspects_ros.simulation.conditions import (
-    BULLET,
-    CUDA,
-    DEFAULT_DROPS,
-    DEFAULT_SEED,
-    DEFAULT_SURFACE,
-    KERNEL,
-    QUANTITIES,
-    DropConditions,
-    HeightOf,
-    Quantity,
-)
+from resting_aspects_ros.simulation import conditions
 
 if TYPE_CHECKING:
     from resting_aspects_ros.part.part import Part
@@ -160,9 +149,9 @@ def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
     add_integer(
         parser,
         '--seed',
-        f'the same seed gives the same {what} ({DEFAULT_SEED})',
+        f'the same seed gives the same {what} ({conditions.DEFAULT_SEED})',
         metavar='S',
-        default=DEFAULT_SEED,
+        default=conditions.DEFAULT_SEED,
     )
 
 
@@ -190,13 +179,15 @@ def known_actions(arguments: argparse.Namespace) -> 'Actions':
     return shipped_actions() if arguments.actions is None else Actions(arguments.actions)
 
 
-def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:
-    """Add --surface and a flag for each condition, generated from QUANTITIES."""
-    group = _add_surface(parser, 'conditions of the drops', QUANTITIES, default)
+def add_conditions(
+    parser: argparse.ArgumentParser, default: str = conditions.DEFAULT_SURFACE
+) -> None:
+    """Add --surface and a flag for each condition, generated from conditions.QUANTITIES."""
+    group = _add_surface(parser, 'conditions of the drops', conditions.QUANTITIES, default)
     group.add_argument(
         '--height-of',
         type=str.upper,
-        choices=[h.name for h in HeightOf],
+        choices=[h.name for h in conditions.HeightOf],
         help='reference point of the height',
     )
 
@@ -225,12 +216,15 @@ def add_surroundings(parser: argparse.ArgumentParser) -> None:
 
 def add_contact_conditions(parser: argparse.ArgumentParser) -> None:
     """Add --surface and a flag for each condition that matters for parts at rest, too."""
-    contact = {name: each for name, each in QUANTITIES.items() if not each.at_release}
-    _add_surface(parser, 'conditions of the contact', contact, DEFAULT_SURFACE)
+    contact = {name: each for name, each in conditions.QUANTITIES.items() if not each.at_release}
+    _add_surface(parser, 'conditions of the contact', contact, conditions.DEFAULT_SURFACE)
 
 
 def _add_surface(
-    parser: argparse.ArgumentParser, title: str, quantities: Mapping[str, Quantity], default: str
+    parser: argparse.ArgumentParser,
+    title: str,
+    quantities: Mapping[str, conditions.Quantity],
+    default: str,
 ) -> 'argparse._ArgumentGroup':
     group = parser.add_argument_group(
         title,
@@ -254,7 +248,9 @@ def _add_surface(
 
 
 def add_quantities(
-    group: 'argparse._ArgumentGroup', quantities: Mapping[str, Quantity], prefix: str = ''
+    group: 'argparse._ArgumentGroup',
+    quantities: Mapping[str, conditions.Quantity],
+    prefix: str = '',
 ) -> None:
     """Add a flag for each quantity; its attribute has the prefix before the name."""
     for name, quantity in quantities.items():
@@ -284,38 +280,36 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
     engine = parser.add_mutually_exclusive_group()
     engine.add_argument(
         '--engine',
-        choices=(KERNEL, BULLET),
+        choices=(conditions.KERNEL, conditions.BULLET),
         default='',
         help='what simulates the drops: kernel, 30 times faster, or bullet, an independent check '
         '(kernel, but bullet where parts fall from an edge or touch blocks or a mesh)',
     )
     engine.add_argument(
         '--device',
-        choices=(CUDA,),
+        choices=(conditions.CUDA,),
         dest='engine',
         help='run the kernel on an NVIDIA GPU; needs the package numba-cuda',
     )
 
 
-def requested_conditions(arguments: argparse.Namespace) -> DropConditions:
+def requested_conditions(arguments: argparse.Namespace) -> conditions.DropConditions:
     """Return the conditions that the flags request; raises InvalidValueError."""
     from resting_aspects_ros.api.conditions import requested_surroundings, with_surroundings
-    from resting_aspects_ros.simulation.conditions import all_surfaces
 
-    surface = all_surfaces(arguments.surfaces).get(arguments.surface)
-    conditions = surface.changed(**changed_conditions(arguments))
-    name = getattr(arguments, 'surroundings', None)
+    surface = conditions.all_surfaces(arguments.surfaces).get(arguments.surface)
+    name, changes = getattr(arguments, 'surroundings', None), getattr(arguments, 'set', [])
     return with_surroundings(
-        conditions, requested_surroundings(name, getattr(arguments, 'set', []))
+        surface.changed(**changed_conditions(arguments)), requested_surroundings(name, changes)
     )
 
 
 def changed_conditions(arguments: argparse.Namespace) -> dict[str, object]:
     """Return the conditions that have a flag of their own among the arguments."""
-    given = {name: getattr(arguments, name, None) for name in QUANTITIES}
+    given = {name: getattr(arguments, name, None) for name in conditions.QUANTITIES}
     changes: dict[str, object] = {k: value for k, value in given.items() if value is not None}
     if (height_of := getattr(arguments, 'height_of', None)) is not None:
-        changes['height_of'] = HeightOf[height_of]
+        changes['height_of'] = conditions.HeightOf[height_of]
     return changes
 
 
@@ -335,8 +329,8 @@ def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
     add_integer(
         parser,
         '--drops',
-        f'number of drops ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of '
-        '+-0.01. With --precision the maximum (as many as needed)',
+        f'number of drops ({conditions.DEFAULT_DROPS}); 385 give intervals of about +-0.05, '
+        '10000 of +-0.01. With --precision the maximum (as many as needed)',
     )
     add_share(
         parser,

@@ -201,12 +201,7 @@ class RestingAspectsClient:
             names = ('part', 'surface', 'conditions', 'drops', 'precision')
             goal = DropPart.Goal(**{name: getattr(request, name) for name in names})
             goal.seed = request.seed[0] if request.seed else DEFAULT_SEED
-            try:
-                result = _ok(pending.simulate(DropPart, interface.DROP_PART, goal, progress))
-            except AnswerTimeoutError as error:
-                if pending.state:
-                    raise
-                raise AnswerTimeoutError(f'{error}; {response.status.message}') from None
+            result = _ok(pending.simulate(DropPart, interface.DROP_PART, goal, progress))
             progress(result.drops)
             pending.state = f'{result.drops} drops are done and being counted'
             # The batches were sent before the result, but may arrive after it.

@@ -7,7 +7,6 @@ import atexit
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import Future as ThreadFuture
 from concurrent.futures import wait as wait_for_any
@@ -248,25 +247,23 @@ class Request:
             'start drop_simulator',
         )
         unit = 'drops' if name == interface.DROP_PART else 'actions'
-        feedback: deque[Any] = deque()
-        wanted, done = True, 0
+        wanted, done, reported = True, 0, 0
 
-        def report() -> None:
+        def feedback(message: Any) -> None:
             nonlocal done
-            while feedback:
-                now = feedback.popleft().done
-                if now > done:
-                    done = now
-                    self.state = f'{done} {unit} are done'
-                    progress(done)
+            done = max(done, message.done)
 
-        run = partial(goal_result, feedback=feedback.append, wanted=lambda: wanted)
+        run = partial(goal_result, feedback=feedback, wanted=lambda: wanted)
         result = self.connection.submit(lambda: run(self.connection.node, client, goal))
         try:
-            while not self._wait(result, name):
-                report()
-            report()
-            return result.result()
+            while True:
+                is_over = self._wait(result, name)
+                if done > reported:
+                    reported = done
+                    self.state = f'{done} {unit} are done'
+                    progress(done)
+                if is_over:
+                    return result.result()
         finally:
             wanted = False
             wait_for_any([result], END_TIMEOUT)

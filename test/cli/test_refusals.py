@@ -72,7 +72,7 @@ CASES = {
     'forecast l_bracket --pickable a': ['--pickable', "'a'"],
     'forecast l_bracket --pickable 1 --tray 200mm': ['--tray', "'200mm'"],
     'identify l_bracket --polygon seen.json --camera 0mm,0mm,-1mm': ['--camera'],
-    'replay log --rate 1001': ['--rate', '1001'],
+    'replay log --rate 1001': ['rate', '1001'],
     'request l_bracket --ros-args --bogus': ['--bogus'],
     'studio none.stl': ["'none.stl'", 'l_bracket'],
     'studio --port 70000': ['--port', '70000'],

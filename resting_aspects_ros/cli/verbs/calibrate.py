@@ -1,7 +1,6 @@
 """`resting_aspects calibrate`: from counts by hand to a surface."""
 
 import argparse
-import sys
 from pathlib import Path
 
 from resting_aspects_ros.cli import life_cycle, options
@@ -77,7 +76,4 @@ def run(arguments: argparse.Namespace) -> int:
         if folder is not None:
             use = f'--surfaces {folder / ENTRY} --surface {result.surface}'
             life_cycle.say(arguments, f'To use it: {use}')
-        if started['stopped']():
-            print(f'interrupted; {result.surface} has fewer points', file=sys.stderr)
-            return life_cycle.INTERRUPTED
-        return life_cycle.DONE
+        return life_cycle.exit_code('fewer points', started)

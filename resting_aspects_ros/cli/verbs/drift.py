@@ -79,12 +79,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_share(parser, '--level', 'A', text, default='0.01')
     options.add_integer(
         parser,
-        '--prior-weight',
-        'weight of the simulated drops in the shares of all parts, as a number of parts (60)',
-        default=60,
-    )
-    options.add_integer(
-        parser,
         '--drops',
         f'number of simulated drops ({DEFAULT_DROPS}); their sampling error is taken into account',
     )
@@ -110,7 +104,6 @@ def run(arguments: argparse.Namespace) -> int:
         window=arguments.window,
         level=arguments.level,
         shift=arguments.shift,
-        prior_weight=arguments.prior_weight,
         confidence=arguments.confidence,
     )
 

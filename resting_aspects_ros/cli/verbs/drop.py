@@ -13,15 +13,10 @@ EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
   resting_aspects drop old.stl new.stl FOLDER --out out/batch
-  resting_aspects drop l_bracket --report --log out/logs
   resting_aspects drop t_prism --precision 0.02
-  resting_aspects drop washer --drops 5000 --check-convergence
-  resting_aspects drop l_bracket --drops 1000000 --scheduler tcp://10.0.0.5:8786
-  resting_aspects drop l_bracket --surroundings l_chute --set roll=30deg
   resting_aspects drop hex_nut --surroundings slope --set angle=12deg
   resting_aspects drop die --initial-states tosses.csv --replicates 24
   resting_aspects drop --from-log out/logs/hex_nut_20250131T120000Z_4f1c2d3e4f50
-  resting_aspects drop l_bracket --surfaces my_surfaces.yaml --surface oak_table
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
 

@@ -4,6 +4,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +25,17 @@ from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import check_files, whole_file
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli import options
-from resting_aspects_ros.cli.console import make_console
 from resting_aspects_ros.cli.feeder_watch import (
     FeederDisplay,
     FeederWatch,
     Moment,
     feeder_sentence,
-    spun_node,
 )
 from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED, save_text
 from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
 from resting_aspects_ros.cli.verbs.forecast import add_tray
 from resting_aspects_ros.client.client import RestingAspectsClient
+from resting_aspects_ros.client.connection import Connection
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
@@ -70,8 +70,8 @@ TIMEOUT = 3600.0
 # Maximum real time without progress in the run, s: the model of a part with very many triangles
 # takes a minute.
 MAX_SILENCE = 120.0
-# Maximum time between two checks for Ctrl-C and ended nodes, s.
-SPIN_PERIOD = 0.1
+# Time between two checks for Ctrl-C and ended nodes, s.
+PERIOD = 0.1
 # For messages of the last cycle that are still on their way, s.
 REST = 0.3
 
@@ -184,8 +184,11 @@ class FeederDemo:
         name = own_namespace('feeder_demo')
         namespace = ['-r', f'__ns:={name}']
         nodes = self._node_arguments(f'{name}/clock')
-        _say(f'The robot picks {self._name} in aspects {", ".join(map(str, self._ids))}.')
-        _say(f'Starting {len(nodes)} nodes in the namespace {name} ...')
+        print(
+            f'The robot picks {self._name} in aspects {", ".join(map(str, self._ids))}.',
+            file=sys.stderr,
+        )
+        print(f'Starting {len(nodes)} nodes in the namespace {name} ...', file=sys.stderr)
         with NodeProcesses(self._out) as processes:
 
             def check() -> None:
@@ -200,12 +203,16 @@ class FeederDemo:
             start(SUITE)
             forecast = self._forecast = self._ask(namespace, check)
             start(node for node in nodes if node not in SUITE)
-            _say(f'Forecast {controlled_text(forecast)}.')
-            with FeederDisplay() as display, spun_node(namespace) as (node, executor):
-                watch = self.watch = FeederWatch(node, self._name, self._arguments.minutes)
+            print(f'Forecast {controlled_text(forecast)}.', file=sys.stderr)
+            connection = Connection(None, namespace, check)
+            with FeederDisplay() as display, closing(connection):
+                minutes = self._arguments.minutes
+                watch = self.watch = connection.run(
+                    lambda: FeederWatch(connection.node, self._name, minutes)
+                )
                 while not watch.done.done():
-                    check()
-                    watch.connect()
+                    connection.check()
+                    connection.run(watch.connect)
                     if watch.silence > MAX_SILENCE:
                         raise RestingAspectsError(
                             f'simulated time stands still for {MAX_SILENCE:g} s: see the logs of '
@@ -213,10 +220,8 @@ class FeederDemo:
                         )
                     if watch.images:
                         display.show(watch, forecast)
-                    executor.spin_once(SPIN_PERIOD)
-                end = time.monotonic() + REST
-                while (left := end - time.monotonic()) > 0:
-                    executor.spin_once(left)
+                    time.sleep(PERIOD)
+                time.sleep(REST)
                 display.show(watch, forecast)
 
     def save(self) -> str:
@@ -242,9 +247,9 @@ class FeederDemo:
             with whole_file(self._out / PICTURE) as file:
                 self._draw(watch.best, file)
         if watch is not None and forecast is not None and watch.images:
-            _say(feeder_sentence(watch, forecast))
+            print(feeder_sentence(watch, forecast), file=sys.stderr)
         written += sorted(set(self._logs()) - self._earlier)
-        _say('Written: ' + ', '.join(str(path) for path in written))
+        print('Written: ' + ', '.join(str(path) for path in written), file=sys.stderr)
         return text
 
     def _logs(self) -> Iterable[Path]:
@@ -342,10 +347,3 @@ def _pickable(arguments: argparse.Namespace, known: KnownPart) -> tuple[int, ...
 def _values(parameters: dict[str, Any]) -> list[str]:
     """Return parameters of a node as ROS arguments."""
     return [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
-
-
-def _say(text: str) -> None:
-    """Print to standard error, which leaves standard output to the JSON document."""
-    console = make_console()
-    console.file = sys.stderr
-    console.print(text, markup=False, highlight=False, soft_wrap=True)

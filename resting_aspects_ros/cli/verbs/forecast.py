@@ -175,9 +175,9 @@ def _show(results: Sequence[ForecastResult]) -> None:
     """Print a sentence for each result, then the table, and notes."""
     names = [f'{result.named.title}: ' if len(results) > 1 else '' for result in results]
     for name, result in zip(names, results, strict=True):
-        show_texts(f'{name}{result.sentence}', soft_wrap=True)
+        print(f'{name}{result.sentence}')
         if result.controlled is not None:
-            show_texts(f'{name}{controlled_text(result.controlled)}', soft_wrap=True)
+            print(f'{name}{controlled_text(result.controlled)}')
     show_texts(cell_text(results[0].named))
     print()
     show_table(forecast_table([result.named for result in results]))

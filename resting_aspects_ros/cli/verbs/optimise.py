@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
         files = {POINTS: result.save_csv}
         life_cycle.finish(arguments, out, document, files, partial(_show, result), result.report)
         has = f'{result.drops} of {result.budget} drops'
-        return life_cycle.exit_code(has, complete=result.complete)
+        return life_cycle.exit_code(has, started)
 
 
 def _show(result: OptimiseResult) -> None:

@@ -54,9 +54,7 @@ EXAMPLES = """examples:
   resting_aspects reorient l_bracket
   resting_aspects reorient l_bracket --action kick --speed 0.5 --spin 20
   resting_aspects reorient t_prism --action tap,toss --wanted 1,3
-  resting_aspects reorient l_bracket --action tap,hard_tap --report
   resting_aspects reorient my_part.stl --actions my_actions.yaml --action jolt
-  resting_aspects reorient hex_nut --precision 0.05 --out result
   resting_aspects reorient l_bracket --action hard_tap --json > transitions.json
 """
 
@@ -166,13 +164,8 @@ def run(arguments: argparse.Namespace) -> int:
             partial(_show, results, wanted, plan, by_class=by_class),
             partial(_write_page, results, wanted, plan),
         )
-        checked = all(result.convergence is not None for result in results)
-        return life_cycle.exit_code(
-            f'{sum(int(result.matrix.actions.sum()) for result in results)} actions',
-            complete=all(result.complete for result in results),
-            failure=failure,
-            unchecked=arguments.check_convergence and started['stopped']() and not checked,
-        )
+        done = sum(int(result.matrix.actions.sum()) for result in results)
+        return life_cycle.exit_code(f'{done} actions', started, failure)
 
 
 # -- Actions --------------------------------------------------------------------------------------

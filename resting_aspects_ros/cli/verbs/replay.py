@@ -6,7 +6,7 @@ from pathlib import Path
 from resting_aspects_ros.cli.options import add_number, add_ros_args
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.input_files import is_printable
-from resting_aspects_ros.nodes.log_replayer.node import MAX_RATE, MIN_RATE, LogReplayer
+from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
 from resting_aspects_ros.ros.program import spin_nodes
 
 DESCRIPTION = """Publish the messages of a log on the topics of the suite, with the recorded
@@ -58,10 +58,6 @@ def run(arguments: argparse.Namespace) -> int:
         )
     given: dict[str, object] = {'log': str(arguments.log)}
     if arguments.rate is not None:
-        if not MIN_RATE <= arguments.rate <= MAX_RATE:
-            raise InvalidValueError(
-                f'invalid --rate {arguments.rate:g}: expected {MIN_RATE:g} to {MAX_RATE:g}'
-            )
         given['rate'] = arguments.rate
     flags = ('as_fast_as_possible', 'loop', 'clock')
     given |= {name: True for name in flags if getattr(arguments, name)}

@@ -89,26 +89,17 @@ def run(arguments: argparse.Namespace) -> int:
         conditions = _conditions(arguments, client)
         precision = arguments.precision or 0.0
         drops = arguments.drops or (0 if precision else DEFAULT_DROPS)
-        progress = DropProgress(arguments.part, max_drops(drops, precision, MAX_DROPS))
-        try:
-            with progress:
-                message = client.get_distribution(
-                    arguments.part,
-                    drops=arguments.drops,
-                    precision=precision,
-                    conditions=conditions,
-                    seed=arguments.seed,
-                    only_known=arguments.only_known,
-                    progress=progress.update,
-                )
-                progress.end(message.drops)
-        except KeyboardInterrupt:
-            if not progress.done:
-                raise
-            raise KeyboardInterrupt(
-                f'interrupted after {progress.done} drops, which are kept; the run ends unless '
-                'another client requested the same drops'
-            ) from None
+        with DropProgress(arguments.part, max_drops(drops, precision, MAX_DROPS)) as progress:
+            message = client.get_distribution(
+                arguments.part,
+                drops=arguments.drops,
+                precision=precision,
+                conditions=conditions,
+                seed=arguments.seed,
+                only_known=arguments.only_known,
+                progress=progress.update,
+            )
+            progress.end(message.drops)
         result = result_from(message, _part(client, arguments.part))
     show_result(arguments, result.to_json, lambda: print_result(result, each=arguments.each))
     return DONE

@@ -16,7 +16,7 @@ EXAMPLES = """examples:
   resting_aspects retention l_bracket
   resting_aspects retention my_part.stl --per-height 1000 --out result
   resting_aspects retention l_bracket --report
-  resting_aspects retention hex_nut --max-lift 20mm --friction 0.4 --json
+  resting_aspects retention hex_nut --friction 0.4 --json
 """
 DOCUMENT, PICTURE, PAGE = 'retention.json', 'retention.png', 'retention.html'
 
@@ -29,13 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--per-height',
         'number of disturbances of each energy from each aspect (400)',
         default=400,
-    )
-    options.add_number(
-        parser,
-        '--max-lift',
-        'm',
-        'maximum lift height, such as 20mm (20 times the barrier of the aspect, at most twice '
-        'the radius of the part)',
     )
     options.add_seed(parser, 'curves')
     options.add_confidence(parser)
@@ -60,7 +53,6 @@ def run(arguments: argparse.Namespace) -> int:
             part,
             arguments.per_height,
             surface=options.requested_conditions(arguments),
-            max_lift=arguments.max_lift,
             seed=arguments.seed,
             confidence=arguments.confidence,
             engine=arguments.engine,
@@ -74,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         life_cycle.finish(arguments, out, document, files, partial(_show, result), result.report)
         disturbed = sum(int(curve.parts.sum()) for curve in result.curves)
         has = f'{disturbed} of {result.run.drops} disturbances'
-        return life_cycle.exit_code(has, complete=result.complete, failure=failure)
+        return life_cycle.exit_code(has, started, failure)
 
 
 def _show(result: RetentionResult) -> None:

@@ -22,7 +22,6 @@ while to measure it. A study that was interrupted, or that is given more points,
 continues where it ended."""
 EXAMPLES = """examples:
   resting_aspects study l_bracket --vary friction=.1:.5 --vary height=2cm:20cm
-  resting_aspects study hex_nut --vary height=20mm:200mm:7 --design factorial
   resting_aspects study old.stl new.stl --vary friction=0.1:0.6 --points 32
   resting_aspects study a.stl --surroundings slope --vary surroundings.angle=0:1
   resting_aspects study l_bracket --action tap --vary action.speed=0.1:0.5

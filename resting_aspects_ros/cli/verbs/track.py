@@ -17,10 +17,8 @@ EXAMPLES = """examples:
   resting_aspects track hex_nut
   resting_aspects track hex_nut --on wiper_and_balcony --want 1
   resting_aspects track hex_nut --width 40mm --trap wiper:height=12.7mm --want 1
-  resting_aspects track hex_nut --on wiper_and_balcony --simulate 50
   resting_aspects track u_bracket --design --want 1 --tolerance 0.1mm --report
   resting_aspects track hex_nut --design --simulate 20 --speed 100mm/s
-  resting_aspects track my_part.stl --on my_track.yaml --json
 """
 DOCUMENT, ROWS, PICTURE = 'track.json', 'orientations.csv', 'orientations.png'
 # Flags of the track, the keys of its file, and what they are.
@@ -130,7 +128,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         drop = result.best.drop if isinstance(result, TrackDesign) else result.drop
         has = f'{drop.distribution.drops} of {arguments.drops} drops'
-        code = life_cycle.exit_code(has, complete=result.complete, failure=failure)
+        code = life_cycle.exit_code(has, started, failure)
         if isinstance(result, TrackDesign) and not result.designs:
             return code or life_cycle.FAILED
         return code
