@@ -11,7 +11,7 @@ from typing import Any
 
 from resting_aspects_ros.api.drop import DropResult, drop, logged_drops, repeat_log
 from resting_aspects_ros.api.plan import read_state_csv
-from resting_aspects_ros.api.result import check_output, make_folder, poses_file
+from resting_aspects_ros.api.result import make_folder, poses_file
 from resting_aspects_ros.cli import life_cycle
 from resting_aspects_ros.cli.console import print_result, show_table, show_texts
 from resting_aspects_ros.cli.options import refuse, requested_conditions, requested_part
@@ -78,7 +78,6 @@ def drop_and_show(arguments: argparse.Namespace, session: dict[str, Any]) -> int
     result if something failed.
     """
     simulate, part = _requested(arguments)
-    check_output('--poses', arguments.poses)
     out = life_cycle.result_folder(arguments, part, (DOCUMENT, PICTURE, POSES))
     simulate = partial(
         simulate,

@@ -1,6 +1,5 @@
 """What a run of the feeder demo has done, from the messages of its nodes, and how it is shown."""
 
-import sys
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -9,13 +8,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
-from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
-from resting_aspects_ros.api.runner import TerminalDisplay
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.report.format import minutes_text, number_text
 from resting_aspects_ros.ros.conversions import nanoseconds
@@ -44,18 +40,12 @@ class Moment:
 class FeederWatch:
     """Counts what happens in the first minutes of simulated time.
 
-    Parameters
-    ----------
-    node : Node
-    part : str
-    total : float
-        These minutes.
-
     Attributes
     ----------
+    total : float
+        These minutes.
     done : Future
         Done with the first image after these minutes.
-    images : int
     on_tray : int
         Parts in the newest image; parts that touch count as one.
     advice : FeederAdvice or None
@@ -222,18 +212,3 @@ def feeder_sentence(watch: FeederWatch, forecast: ControlledRuns) -> str:
         return f'{text}; this run was shorter.'
     inside = lower <= watch.rate <= upper
     return f'{text}; this run lies {"within" if inside else "outside"} that interval.\n{SHARED}'
-
-
-class FeederDisplay(TerminalDisplay):
-    """Shows the state of a feeder while it runs, if standard error is a terminal."""
-
-    def __init__(self) -> None:
-        self._live: Live | None = None
-        if sys.stderr.isatty():
-            self._moving = self._live = Live(console=Console(stderr=True), auto_refresh=False)
-
-    def show(self, watch: FeederWatch, forecast: ControlledRuns) -> None:
-        """Update what is shown; call it often."""
-        if self._live is not None:
-            self._live.start()
-            self._live.update(feeder_table(watch, forecast), refresh=True)

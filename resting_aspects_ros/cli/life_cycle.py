@@ -139,19 +139,12 @@ def finish(
 
     Parameters
     ----------
-    out : Path or None
-        Folder of the result; None to save nothing.
-    document : (str, callable)
-        Name of the file of the JSON document, and what returns it. --json prints it.
-    files : mapping of str to callable
-        What writes each other file.
-    show : callable
-        Prints the result without --json.
-    report : callable, optional
-        Writes the report into the folder, and returns its path. If there is a flag --report, it
-        must be given.
-    written : sequence of Path
-        Files that are written already.
+    out : folder of the result; None to save nothing
+    document : name of the file of the JSON document, and what returns it; --json prints it
+    files : what writes each other file
+    show : prints the result without --json
+    report : writes the report into the folder, and returns its path; a flag --report must be given
+    written : files that are written already
     """
 
     def shown() -> None:

@@ -1,9 +1,4 @@
-"""The command `resting_aspects`.
-
-Exit codes: 0 done; 2 wrong input, nothing was done; 1 a failure during the work (workers died
-repeatedly, a node died, the disk is full, no suite responds); 130 interrupted. For exit codes 1
-and 130, partial results are saved. An error is one line on standard error.
-"""
+"""The command `resting_aspects`: parses its words, runs a subcommand, reports errors in a line."""
 
 import argparse
 import errno
@@ -20,11 +15,19 @@ from io import TextIOWrapper
 from typing import Any, NoReturn
 
 from resting_aspects_ros import __version__, errors
-from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT, tables_written
+from resting_aspects_ros.cli.life_cycle import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    WRONG_INPUT,
+    tables_written,
+)
 from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS
 from resting_aspects_ros.system import SIGNALS, catch
 
 MAX_LINE = 2000
+# Modules of ROS and of the messages of the suite.
+ROS = re.compile(r'[^.]*(rclpy|_interfaces|_msgs|_srvs)\b')
 # Errors of input: the exit code is 2.
 WRONG = errors.PartError, errors.UnknownPartError, errors.InvalidValueError, errors.NoLogError
 INSTALL_ROS = 'run `make setup` in a clone of the suite, or use an installed ROS 2 Jazzy'
@@ -122,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 warnings.showwarning = partial(_print_warning, warnings.showwarning)
                 arguments = make_parser(words).parse_args(words)
                 with tables_written(getattr(arguments, 'table', None)):
-                    code = int(arguments.run(arguments))
+                    code: int = arguments.run(arguments) or DONE
         finally:
             sys.stdout.flush()
     except BrokenPipeError:  # the reader of the pipe closed it
@@ -165,7 +168,7 @@ def _outcome(error: Exception) -> tuple[int, str]:
         code = WRONG_INPUT
     elif isinstance(error, MemoryError):
         text = 'there is not enough memory'
-    elif isinstance(error, ModuleNotFoundError) and _is_of_ros(error.name or ''):
+    elif isinstance(error, ModuleNotFoundError) and ROS.match(error.name or ''):
         text = f'this needs {error.name}: {INSTALL_ROS}'
     elif isinstance(error, OSError):
         place = f'{error.filename!r}: ' if error.filename else ''
@@ -176,11 +179,6 @@ def _outcome(error: Exception) -> tuple[int, str]:
     elif not isinstance(error, errors.RestingAspectsError):
         raise error
     return code, f'error: {text}'
-
-
-def _is_of_ros(module: str) -> bool:
-    """Return whether a module belongs to ROS or to the messages of the suite."""
-    return module.partition('.')[0].endswith(('rclpy', '_interfaces', '_msgs', '_srvs'))
 
 
 def _joined(argv: Sequence[str]) -> list[str]:

@@ -29,10 +29,11 @@ class NodeProcesses:
     """Running nodes, whose output is in <folder>/<node>.log.
 
     Requires an Interruption: if Ctrl-C raised an exception in `start`, a process could be left.
+    ``interruption`` raises KeyboardInterrupt after Ctrl-C.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, interruption: Callable[[], None]) -> None:
+        self._folder, self._interruption = folder, interruption
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> 'NodeProcesses':  # noqa: PYI034 - Self is newer than Python 3.10
@@ -51,16 +52,13 @@ class NodeProcesses:
                 start_new_session=True,
             )
 
-    def wait_until_ready(self, check: Callable[[], None]) -> None:
-        """Wait until each node has logged that it is ready; raises RestingAspectsError.
-
-        check : called often; an exception that it raises ends the wait
-        """
+    def wait_until_ready(self) -> None:
+        """Wait until each node has logged that it is ready; raises RestingAspectsError."""
         end = time.monotonic() + START_TIMEOUT
         for node in self._running:
             log = log_of(self._folder, node)
             while b': ready' not in log.read_bytes():
-                check()
+                self.check()
                 if time.monotonic() > end:
                     raise RestingAspectsError(
                         f'{node} is not ready after {START_TIMEOUT:g} s: see {str(log)!r}'
@@ -68,7 +66,8 @@ class NodeProcesses:
                 time.sleep(START_PERIOD)
 
     def check(self) -> None:
-        """Raise RestingAspectsError if a node has ended."""
+        """Raise RestingAspectsError if a node has ended, and KeyboardInterrupt after Ctrl-C."""
+        self._interruption()
         for node, process in self._running.items():
             if (code := process.poll()) is not None:
                 raise RestingAspectsError(

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,6 @@ PART_TIMEOUT = 5.0
 COUNT_TIMEOUT = 120.0
 
 P = ParamSpec('P')
-Self = TypeVar('Self', bound='RestingAspectsClient')  # typing.Self is newer than Python 3.10
 Progress = Callable[[int], object]
 
 
@@ -66,13 +65,9 @@ def _awaitable(
 class RestingAspectsClient:
     """Client of a running suite: distributions, transitions, poses, outlines, forecasts, parts.
 
-    Every request waits for its result::
-
-        with RestingAspectsClient() as client:
-            distribution = client.get_distribution('l_bracket', drops=1000)
-
-    and has a variant that ends in ``_async``, which returns a rclpy Future at once. Await it in an
-    async callback of a node, or pass it to ``rclpy.spin_until_future_complete``::
+    Every request waits for its result, and has a variant that ends in ``_async``, which returns a
+    rclpy Future at once. Await it in an async callback of a node, or pass it to
+    ``rclpy.spin_until_future_complete``::
 
         client = RestingAspectsClient(node)
         distribution = await client.get_distribution_async('l_bracket', drops=1000)
@@ -126,7 +121,7 @@ class RestingAspectsClient:
             self._changed.wait_for(lambda: not self._active, 2 * END_TIMEOUT)
         self._connection.close()
 
-    def __enter__(self: Self) -> Self:  # noqa: PYI019
+    def __enter__(self) -> 'RestingAspectsClient':  # noqa: PYI034 - Self is newer than Python 3.10
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -368,19 +363,12 @@ class RestingAspectsClient:
 
         Parameters
         ----------
-        part : str
         options
             The other fields of the service FeederForecast, with its defaults: ``aspects`` or
             ``classes`` (in which the robot can pick the part), ``action``, ``use_counts``,
             ``robot_time``, ``vibrate_time``, ``settle_time``, ``image_time``, ``supply_time``,
             ``overlap``, ``place_time`` (s), ``tray``, ``clearance``, ``gripper`` (m),
             ``parts_on_tray``, ``max_picks`` and ``minutes``.
-
-        Returns
-        -------
-        FeederForecast.Response
-            ``parts_per_minute`` with ``lower`` and ``upper``, ``sentence``, and the other fields
-            of the service.
         """
         request = _message(srv.FeederForecast.Request, part=part, **options)
         with self._request(f'the forecast of {part}', timeout) as pending:

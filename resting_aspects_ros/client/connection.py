@@ -53,18 +53,8 @@ class ClientUseError(RestingAspectsError):
 class Connection:
     """A node of its own, in the context of a given node or in a new one, and the thread of it.
 
-    Parameters
-    ----------
-    node : Node, optional
-        Names are resolved as those of this node. None: a new context with ``ros_args``.
-    ros_args : sequence of str, optional
-        None: the ROS arguments on the command line of the program.
-    check : called often while a request waits; an exception that it raises ends the wait
-
-    Raises
-    ------
-    InvalidValueError
-        ROS rejects the arguments.
+    Names are resolved as those of the given node. Raises InvalidValueError if ROS rejects the
+    arguments. ``check`` is called often while a request waits; what it raises ends the wait.
     """
 
     def __init__(
@@ -185,24 +175,13 @@ class Connection:
 
 @dataclass
 class Request:
-    """A request that waits in the thread of the caller.
-
-    Attributes
-    ----------
-    description : str
-        Description of the result for errors, such as 'the distribution of l_bracket'.
-    timeout : float, optional
-        Timeout of the whole request, s; None: no limit.
-    canceled : returns whether the caller no longer waits
-    state : str
-        Description of the progress for errors.
-    """
+    """A request that waits in the thread of the caller."""
 
     connection: Connection
-    description: str
-    timeout: float | None
+    description: str  # of the result, for errors, such as 'the distribution of l_bracket'
+    timeout: float | None  # of the whole request, s
     canceled: Callable[[], bool]
-    state: str = ''
+    state: str = ''  # description of the progress, for errors
     _started: float = field(default_factory=time.monotonic)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:

@@ -112,16 +112,20 @@ def test_time_begins_with_the_first_image_of_the_camera():
 
 
 def test_nodes_are_waited_for_until_they_are_ready(tmp_path, monkeypatch):
-    nodes = NodeProcesses(tmp_path)
-    nodes._running = {'slow': None}
     log = log_of(tmp_path, 'slow')
+    nodes = NodeProcesses(
+        tmp_path, lambda: log.write_text('[INFO] [1.0] [slow]: ready: 6 parts\n')
+    )
+    nodes._running = {'slow': SimpleNamespace(poll=lambda: None)}
     log.write_text('[WARN] already here\n')
-    nodes.wait_until_ready(lambda: log.write_text('[INFO] [1.0] [slow]: ready: 6 parts\n'))
+    nodes.wait_until_ready()
     assert 'ready' in log.read_text()
+    nodes = NodeProcesses(tmp_path, lambda: None)
+    nodes._running = {'slow': SimpleNamespace(poll=lambda: None)}
     log.write_text('')
     monkeypatch.setattr(node_processes, 'START_TIMEOUT', 0.0)
     with pytest.raises(RestingAspectsError, match=r'slow is not ready after 0 s: see .*slow\.log'):
-        nodes.wait_until_ready(lambda: None)
+        nodes.wait_until_ready()
 
 
 def test_time_that_stands_still_is_no_progress():

@@ -60,7 +60,6 @@ CASES = {
     'reorient l_bracket --action tap,tap': ['--action', "'tap,tap'"],
     'reorient l_bracket --action tap,toss --speed 1': ['--action', '--speed'],
     'report log --part l_bracket': ['--part', "'l_bracket'"],
-    'request l_bracket --method csa --surface ice': ['--surface', "'ice'", '--method'],
     'study tetrahedron': ['--vary'],
     'study missing.yaml --vary friction=0.1:0.2': ['--vary', "'missing.yaml'"],
     'study missing.yaml hex_nut': ["'hex_nut'", "'missing.yaml'"],
@@ -142,7 +141,7 @@ def test_damaged_file_is_refused(refused, tmp_path, command, name, text, said):
         'aspects tetrahedron --{}',
         'drop tetrahedron --drops {}',
         'compare {} {}',
-        'request tetrahedron --method rolling --surface {}',
+        'request tetrahedron --surface {}',
     ],
 )
 def test_errors_are_short_and_printable_for_any_input(refused, words):

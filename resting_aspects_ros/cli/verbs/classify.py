@@ -3,11 +3,11 @@
 import argparse
 from pathlib import Path
 
-from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
+from resting_aspects_ros.api.classify import classify
 from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.report.comparison import (
     agreement_line,
@@ -24,7 +24,6 @@ EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
   resting_aspects classify poses.csv --part l_bracket --surroundings l_chute
-  resting_aspects classify poses.csv --part my_part.stl --json > o.json
 """
 
 
@@ -52,8 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output(parser, each=False)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Classify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
+def run(arguments: argparse.Namespace) -> None:
+    """Classify and show. Raises RestingAspectsError for wrong input."""
     part = None
     if arguments.part is not None:
         part = options.requested_part(arguments)
@@ -65,25 +64,17 @@ def run(arguments: argparse.Namespace) -> int:
     title = f'{one_line(arguments.poses.name)}, {result.poses.drops} poses'
 
     def show() -> None:
-        if result.by_part is None:
-            _show_clusters(title, result)
-        else:
-            _show_aspects(title, result, result.by_part)
+        found = result.by_part
+        if found is None:
+            count = len(result.clusters)
+            clusters = f'{title}, {count} cluster{"" if count == 1 else "s"}'
+            show_table(cluster_table(result.cluster_distribution, result.clusters, clusters))
+            return
+        aspects = f'{title} of {found.part.name}'
+        show_table(agreement_table(found.distribution, found.agreement, result.clusters, aspects))
+        show_texts(agreement_line(found.agreement, found.differences))
+        if len(found.differences):
+            places = result.poses.index, result.poses.line
+            show_table(differences_table(found.differences, result.clusters, *places))
 
     show_result(arguments, result.to_json, show)
-    return DONE
-
-
-def _show_clusters(title: str, result: ClassificationResult) -> None:
-    count = len(result.clusters)
-    title += f', {count} cluster' if count == 1 else f', {count} clusters'
-    show_table(cluster_table(result.cluster_distribution, result.clusters, title))
-
-
-def _show_aspects(title: str, result: ClassificationResult, found: PartClassification) -> None:
-    title += f' of {found.part.name}'
-    show_table(agreement_table(found.distribution, found.agreement, result.clusters, title))
-    show_texts(agreement_line(found.agreement, found.differences))
-    if len(found.differences):
-        places = result.poses.index, result.poses.line
-        show_table(differences_table(found.differences, result.clusters, *places))

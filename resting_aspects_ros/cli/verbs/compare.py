@@ -6,7 +6,7 @@ from pathlib import Path
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.report.comparison import comparison_table, measures_text
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether
@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output(parser, each=False)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Read, compare and show; returns the exit code. Raises RestingAspectsError."""
+def run(arguments: argparse.Namespace) -> None:
+    """Read, compare and show. Raises RestingAspectsError."""
     result = compare(arguments.a, arguments.b, confidence=arguments.confidence)
 
     def show() -> None:
@@ -43,4 +43,3 @@ def run(arguments: argparse.Namespace) -> int:
         show_texts(measures, *result.range_texts, result.verdict)
 
     show_result(arguments, result.to_json, show)
-    return DONE

@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Run the demo; returns the exit code. Raises RestingAspectsError if a node fails."""
+def run(arguments: argparse.Namespace) -> None:
+    """Run the demo. Raises RestingAspectsError if a node fails."""
     out: Path = arguments.out
     logs = out / 'logs'
     check_files('--out', out, [f'{node}.log' for node in NODES])
@@ -55,20 +55,14 @@ def run(arguments: argparse.Namespace) -> int:
         'aspect_classifier': ['-p', "log_folder:=''"],
     }
     print(f'Starting {", ".join(NODES)} as three processes ...', flush=True)
-    with Interruption() as stop, NodeProcesses(out) as processes:
+    with Interruption() as stop, NodeProcesses(out, stop.check) as processes:
         for node in NODES:
             processes.start(node, [*namespace, *parameters.get(node, [])])
-
-        def check() -> None:
-            stop.check()
-            processes.check()
-
-        processes.wait_until_ready(check)
-        log = _ask(namespace, logs, check)
+        processes.wait_until_ready()
+        log = _ask(namespace, logs, processes.check)
         print(f'Log:    {log}', flush=True)
         stop.check()
     print(f'Report: {logged_result(log).report(out)}')
-    return 0
 
 
 def _ask(namespace: list[str], logs: Path, check: Callable[[], None]) -> Path:

@@ -18,13 +18,11 @@ from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, QUANTITIES
 
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
 simulation. COUNTS counts each newly supplied part once, by the classes of
-aspects that look the same, in the order of time. It is a log of a feeder, a
-folder of such logs, or a CSV file in one of two formats: a column class and a
-column count (without it each row is one part), or one column for each class and
-a row for each batch. A column batch or time separates batches. Count parts that
-lie in no class as unclassified, and classes that a camera confuses together,
-as 3+4. Each window of successive parts is compared with simulated drops by a G
-test. The exit code is 0 with and without drift."""
+aspects that look the same, in the order of time: a log of a feeder, a folder of
+such logs, or a CSV file with the columns class and count, or with a column for
+each class and a row for each batch. A column batch or time separates batches.
+Count parts that lie in no class as unclassified, and classes that a camera
+confuses together, as 3+4. The exit code is 0 with and without drift."""
 EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv
   resting_aspects drift hex_nut counted.csv --expected out/nut/distribution.json
@@ -92,8 +90,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_conditions(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Simulate, test and show; returns the exit code. Raises RestingAspectsError."""
+def run(arguments: argparse.Namespace) -> None:
+    """Simulate, test and show. Raises RestingAspectsError."""
     part = options.requested_part(arguments)
     aspects = find_aspects(part)
     out = life_cycle.result_folder(arguments, part.name, (DOCUMENT, PICTURE))
@@ -117,7 +115,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     document, files = (DOCUMENT, result.to_json), {PICTURE: result.save_picture}
     life_cycle.finish(arguments, out, document, files, show)
-    return life_cycle.DONE
 
 
 def _expected(arguments: argparse.Namespace, part: Part) -> DropResult | CountedDrops:

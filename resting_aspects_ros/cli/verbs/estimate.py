@@ -6,7 +6,7 @@ from resting_aspects_ros.api.estimate import EstimateResult, estimate
 from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.report.drops import estimate_table, legend
 
 ALL = 'all'
@@ -35,19 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Estimate and show; returns the exit code.
+def run(arguments: argparse.Namespace) -> None:
+    """Estimate and show.
 
     Raises RestingAspectsError for wrong input, NotDefinedError if no requested method is defined.
     """
     names = METHODS if arguments.method == ALL else arguments.method.split(',')
     result = estimate(options.requested_part(arguments), names, against=arguments.against)
-    show_result(arguments, result.to_json, lambda: show_estimates(result, each=arguments.each))
-    return DONE
+    show_result(arguments, result.to_json, lambda: _show(result, each=arguments.each))
 
 
-def show_estimates(result: EstimateResult, *, each: bool) -> None:
-    """Print estimates as a table."""
+def _show(result: EstimateResult, *, each: bool) -> None:
     against = result.against
     by_class = not each or (against is not None and against.by_class)
     methods = [name for name in METHODS if name in {*result.estimates, *result.not_defined}]

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.live import Live
 
 from resting_aspects_ros.api.forecast import (
     CLEARANCE,
@@ -26,18 +28,19 @@ from resting_aspects_ros.api.result import check_files, whole_file
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.feeder_watch import (
-    FeederDisplay,
     FeederWatch,
     Moment,
     feeder_sentence,
+    feeder_table,
 )
 from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED, save_text
 from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
 from resting_aspects_ros.cli.verbs.forecast import add_tray
 from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.client.connection import Connection
-from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.feeding.footprint import Tray
+from resting_aspects_ros.feeding.forecast import check_minutes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
@@ -59,7 +62,6 @@ DROPS, PER_ASPECT = DEFAULT_DROPS, 40
 DOCUMENT, PICTURE = 'feeder_demo.json', 'feeder_demo.png'
 # Of the camera.
 PX_PER_MM = 5.0
-MAX_MINUTES = 10_000
 # Of the picks: feeder_controller, drop_recorder and the command. The run begins when all of them
 # are connected, so that each of them receives all picks, however busy the machine is.
 SUBSCRIBERS = 3
@@ -144,19 +146,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class FeederDemo:
-    """The nodes of a demo, and what they have done.
+    """The nodes of a demo, and what they have done; ``watch`` is None until the run begins.
 
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        Raises RestingAspectsError for wrong input.
-    check : callable
-        Called often; raises KeyboardInterrupt after Ctrl-C.
-
-    Attributes
-    ----------
-    watch : FeederWatch or None
-        None until the run begins.
+    Raises RestingAspectsError for wrong input. ``check`` is called often, and raises
+    KeyboardInterrupt after Ctrl-C.
     """
 
     def __init__(self, arguments: argparse.Namespace, check: Callable[[], None]) -> None:
@@ -168,14 +161,9 @@ class FeederDemo:
         robot = ROBOT if arguments.robot is None else arguments.robot
         self._times = cycle_times(named_action(DEFAULT_ACTION), robot=robot)
         self._tray = Tray(arguments.tray, CLEARANCE)
-        if not 0 < arguments.minutes <= MAX_MINUTES:
-            raise InvalidValueError(
-                f'invalid --minutes {arguments.minutes:g}: expected more than 0, at most '
-                f'{MAX_MINUTES}'
-            )
+        check_minutes(arguments.minutes)
         check_tray(self._known.part, aspects, self._tray, None)
         self._camera = TrayCamera(self._tray.size, PX_PER_MM)
-        self._earlier = set(self._logs())
         self._forecast: ControlledRuns | None = None
         self.watch: FeederWatch | None = None
 
@@ -189,23 +177,20 @@ class FeederDemo:
             file=sys.stderr,
         )
         print(f'Starting {len(nodes)} nodes in the namespace {name} ...', file=sys.stderr)
-        with NodeProcesses(self._out) as processes:
-
-            def check() -> None:
-                self._check()
-                processes.check()
+        with NodeProcesses(self._out, self._check) as processes:
 
             def start(names: Iterable[str]) -> None:
                 for node in names:
                     processes.start(node, [*namespace, *nodes[node]])
-                processes.wait_until_ready(check)
+                processes.wait_until_ready()
 
             start(SUITE)
-            forecast = self._forecast = self._ask(namespace, check)
+            forecast = self._forecast = self._ask(namespace, processes.check)
             start(node for node in nodes if node not in SUITE)
             print(f'Forecast {controlled_text(forecast)}.', file=sys.stderr)
-            connection = Connection(None, namespace, check)
-            with FeederDisplay() as display, closing(connection):
+            connection = Connection(None, namespace, processes.check)
+            live = Live(console=Console(stderr=True), auto_refresh=False)
+            with closing(connection), live:
                 minutes = self._arguments.minutes
                 watch = self.watch = connection.run(
                     lambda: FeederWatch(connection.node, self._name, minutes)
@@ -219,10 +204,10 @@ class FeederDemo:
                             f'the nodes in {str(self._out)!r}'
                         )
                     if watch.images:
-                        display.show(watch, forecast)
+                        live.update(feeder_table(watch, forecast), refresh=True)
                     time.sleep(PERIOD)
                 time.sleep(REST)
-                display.show(watch, forecast)
+                live.update(feeder_table(watch, forecast), refresh=True)
 
     def save(self) -> str:
         """Write what was found, print a summary, and return the document."""
@@ -248,12 +233,9 @@ class FeederDemo:
                 self._draw(watch.best, file)
         if watch is not None and forecast is not None and watch.images:
             print(feeder_sentence(watch, forecast), file=sys.stderr)
-        written += sorted(set(self._logs()) - self._earlier)
-        print('Written: ' + ', '.join(str(path) for path in written), file=sys.stderr)
+        files = ', '.join(str(path) for path in written)
+        print(f'Written: {files}; logs in {self._out / "logs"}', file=sys.stderr)
         return text
-
-    def _logs(self) -> Iterable[Path]:
-        return (self._out / 'logs').glob('*/*.mcap')
 
     def _node_arguments(self, clock: str) -> dict[str, list[str]]:
         """Return the ROS arguments of each node; ``clock`` is the topic of the simulated time."""

@@ -32,7 +32,6 @@ EXAMPLES = """examples:
   resting_aspects forecast hex_nut --pickable-classes 1 --robot 0.9s --overlap
   resting_aspects forecast l_bracket --pickable 1 --pickable 1,3 --report
   resting_aspects forecast old.stl new.stl --pickable 1 --tray 300x200mm --json
-  resting_aspects forecast hex_nut --pickable-classes 1 --parts-on-tray 40
 """
 DOCUMENT, PICTURE, PAGE = 'forecast.json', 'forecast.png', 'forecast.html'
 PER_ASPECT = 200
@@ -111,8 +110,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_contact_conditions(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
+def run(arguments: argparse.Namespace) -> None:
+    """Simulate and show. Raises RestingAspectsError for wrong input."""
     with life_cycle.session(arguments) as started:
         requested = _requested(arguments)
         sets = _sets(arguments)
@@ -128,7 +127,6 @@ def run(arguments: argparse.Namespace) -> int:
             partial(_show, results),
             lambda folder: first.report(folder, others),
         )
-        return life_cycle.DONE
 
 
 def _requested(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 from resting_aspects_ros.api import identify
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.errors import InvalidValueError, located, one_line, shown
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.report.document import to_json
@@ -23,7 +23,6 @@ prior is the distribution of 1000 drops on rubber_mat. 'None of these' and
 EXAMPLES = """examples:
   resting_aspects identify l_bracket --polygon seen.json
   resting_aspects identify l_bracket hex_nut --polygon seen.json --json
-  resting_aspects identify my_part.stl --polygon seen.json --noise 0.2mm
   resting_aspects identify l_bracket --polygon seen.json --camera 0mm,50mm,600mm
 """
 TELECENTRIC = (
@@ -58,8 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output(parser, each=False)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Identify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
+def run(arguments: argparse.Namespace) -> None:
+    """Identify and show. Raises RestingAspectsError for wrong input."""
     noise, camera = OutlineNoise(arguments.noise), arguments.camera
     path = arguments.polygon
     seen = identify.read_polygon(path)
@@ -73,7 +72,6 @@ def run(arguments: argparse.Namespace) -> int:
         lambda: to_json({**identify.identification_document(found), 'hint': hint or None}),
         lambda: _show(found, path.name, shown_hint),
     )
-    return DONE
 
 
 def _camera(text: str) -> Pinhole:

@@ -13,7 +13,7 @@ from resting_aspects_ros.api.conditions import (
 )
 from resting_aspects_ros.api.model_range import missing_in
 from resting_aspects_ros.cli.console import print_table, show_table
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.cli.options import add_output
 from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.logs.bag import log_files
@@ -32,7 +32,6 @@ log of a feeder, show what was seen, advised, picked and counted. The log may
 be unfinished."""
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
-  resting_aspects info run_0.mcap --json
   resting_aspects info out/logs/feeder-20250131T120000Z-2718281824f1c
 """
 
@@ -46,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Read a log and show its contents; returns the exit code. Raises LogError."""
+def run(arguments: argparse.Namespace) -> None:
+    """Read a log and show its contents. Raises LogError."""
     found = contents.read_logged_run(arguments.log)
     described, action = found.run, None
     if described is None and (matrix := found.transitions) is not None:
@@ -83,7 +82,6 @@ def run(arguments: argparse.Namespace) -> int:
         return to_json(distribution_document(distribution, fields, part))
 
     show_result(arguments, document, show)
-    return DONE
 
 
 def _counted(found: contents.LoggedRun) -> tuple[Distribution, bool] | None:

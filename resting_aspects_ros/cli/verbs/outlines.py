@@ -8,7 +8,7 @@ from resting_aspects_ros.api.outlines import OutlinesResult, check_sheet_name, o
 from resting_aspects_ros.api.result import check_output
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.report.format import size_text
 from resting_aspects_ros.report.outlines import (
     PIXELS_PER_MM,
@@ -23,7 +23,6 @@ EXAMPLES = """examples:
   resting_aspects outlines l_bracket
   resting_aspects outlines my_part.stl --out outlines --px-per-mm 20
   resting_aspects outlines hex_nut --counting-sheet sheet.pdf
-  resting_aspects outlines washer --json
 """
 
 
@@ -47,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output(parser, each=False)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Find, show and export the outlines; returns the exit code. Raises RestingAspectsError."""
+def run(arguments: argparse.Namespace) -> None:
+    """Find, show and export the outlines. Raises RestingAspectsError."""
     out, sheet = arguments.out, arguments.counting_sheet
     if out is None:
         options.refuse(arguments, ('px_per_mm',), 'with --out')
@@ -71,7 +70,6 @@ def run(arguments: argparse.Namespace) -> int:
         result.save_counting_sheet(sheet)
         written.append(f'Counting sheet: {sheet}')
     show_result(arguments, result.to_json, lambda: _show(result, written))
-    return DONE
 
 
 def _show(result: OutlinesResult, written: Sequence[str]) -> None:

@@ -16,7 +16,6 @@ picture and the probability of each aspect, charts, and all conditions. The
 figures are also written as PNG and SVG."""
 EXAMPLES = """examples:
   resting_aspects report out/nut/distribution.json
-  resting_aspects report out/logs/l_bracket_20250131T120000Z_4f1c --out report
   resting_aspects report result/distribution.json --against counted_by_hand.csv
   resting_aspects report request.json --part my_part.stl --unit in
 """
@@ -47,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_part_place(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Read the result and write the report; returns the exit code. Raises RestingAspectsError."""
+def run(arguments: argparse.Namespace) -> None:
+    """Read the result and write the report. Raises RestingAspectsError."""
     result = _read_result(arguments)
     against, verdict = None, ''
     if arguments.against is not None:
@@ -59,7 +58,6 @@ def run(arguments: argparse.Namespace) -> int:
     print(f'Report: {result.report(folder, against)}')
     if verdict:
         print(verdict)
-    return 0
 
 
 def _read_result(arguments: argparse.Namespace) -> DropResult:

@@ -6,26 +6,22 @@ import dataclasses
 from resting_aspects_interfaces.msg import AspectDistribution
 
 from resting_aspects_ros.api.drop import DropResult
-from resting_aspects_ros.api.estimate import EstimateResult
 from resting_aspects_ros.api.model_range import missing_in
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import print_result
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.verbs.estimate import show_estimates
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.client import NotAvailableError, RestingAspectsClient, UnknownPartError
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.conversions import run_from
-from resting_aspects_ros.ros.distribution_conversions import distribution_from, estimate_from
+from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_DROPS,
     DEFAULT_SEED,
     MAX_DROPS,
-    QUANTITIES,
     DropConditions,
 )
-from resting_aspects_ros.statistics.distribution import METHOD
 from resting_aspects_ros.statistics.intervals import max_drops
 from resting_aspects_ros.system import Interruption
 
@@ -35,26 +31,14 @@ EXAMPLES = """examples:
   resting_aspects nodes                      (in another terminal)
   resting_aspects request l_bracket --drops 2000
   resting_aspects request hex_nut --only-known --json
-  resting_aspects request hex_nut --method rolling
   resting_aspects request hex_nut --ros-args -r __ns:=/cell_1
 """
-# Flags that a method of `estimate` ignores.
-OF_DROPS = (
-    *('drops', 'precision', 'seed', 'surroundings', 'surface', 'surfaces'),
-    *(*QUANTITIES, 'height_of'),
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('part', metavar='PART', help='name of a part that the simulator knows')
     options.add_run(parser, f'a known run with any seed, or a new run with {DEFAULT_SEED}')
-    parser.add_argument(
-        '--method',
-        metavar='NAME',
-        default=METHOD,
-        help='drops, or a method of `estimate` (drops)',
-    )
     parser.add_argument(
         '--only-known',
         action='store_true',
@@ -66,26 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_ros_args(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Request and show; returns the exit code. Raises RestingAspectsError."""
-    if arguments.method != METHOD:
-        options.refuse(arguments, OF_DROPS, 'with --method drops')
-    # Wrong values are refused before the client looks for a suite.
-    options.requested_conditions(arguments)
+def run(arguments: argparse.Namespace) -> None:
+    """Request and show. Raises RestingAspectsError."""
     with (
         Interruption() as stop,
         RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client,
     ):
-        if arguments.method != METHOD:
-            found = estimate_from(client.get_distribution(arguments.part, method=arguments.method))
-            part = client.get_part(arguments.part)
-            estimates = EstimateResult(part, found.aspects, {found.method: found}, {})
-            show_result(
-                arguments,
-                estimates.to_json,
-                lambda: show_estimates(estimates, each=arguments.each),
-            )
-            return DONE
         conditions = _conditions(arguments, client)
         precision = arguments.precision or 0.0
         drops = arguments.drops or (0 if precision else DEFAULT_DROPS)
@@ -102,7 +72,6 @@ def run(arguments: argparse.Namespace) -> int:
             progress.end(message.drops)
         result = result_from(message, _part(client, arguments.part))
     show_result(arguments, result.to_json, lambda: print_result(result, each=arguments.each))
-    return DONE
 
 
 def _conditions(

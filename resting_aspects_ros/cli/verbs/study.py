@@ -117,28 +117,23 @@ def _requested(arguments: argparse.Namespace) -> tuple[study.StudySpec, Path]:
         options.refuse(arguments, _OF_A_STUDY, f'without {str(first)!r}, which defines it')
         own = first.parent if first.name == study.SPEC else Path('out') / first.stem
         return study.read_spec(first, changes, surfaces), arguments.out or own
-    spec = study.make_spec(_document(arguments, changes), surfaces=surfaces)
-    name = '_'.join(part.name for part in spec.parts[:3])
-    return spec, arguments.out or Path('out') / f'study_{name}'
-
-
-def _document(arguments: argparse.Namespace, changes: dict[str, Any]) -> dict[str, Any]:
     if not arguments.vary:
         raise InvalidValueError(
             'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
         )
-    return {
+    conditions = options.changed_conditions(arguments)
+    document = {
         'parts': arguments.parts,
         'surface': arguments.surface,
-        'conditions': {
-            name: getattr(value, 'name', value)
-            for name, value in options.changed_conditions(arguments).items()
-        },
+        'conditions': {name: getattr(value, 'name', value) for name, value in conditions.items()},
         'surroundings': requested_surroundings(arguments.surroundings, arguments.set),
         'action': arguments.action,
         'vary': parse_ranges(arguments.vary),
         **changes,
     }
+    spec = study.make_spec(document, surfaces=surfaces)
+    name = '_'.join(part.name for part in spec.parts[:3])
+    return spec, arguments.out or Path('out') / f'study_{name}'
 
 
 def _show(result: study.StudyResult, folder: Path) -> int:
@@ -173,7 +168,10 @@ def _show_findings(result: study.StudyResult) -> None:
         print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')
         for finding in result.findings:
             if finding.case == case.name:
-                text = textwrap.wrap(finding.sentence, WIDTH - 2)
-                print(textwrap.indent('\n'.join(text), '  ').replace('  ', '* ', 1))
+                print(_wrapped(finding.sentence, '* '))
                 if finding.details:
-                    print(textwrap.indent(textwrap.fill(finding.details, WIDTH - 2), '  '))
+                    print(_wrapped(finding.details, '  '))
+
+
+def _wrapped(text: str, begin: str) -> str:
+    return textwrap.fill(text, WIDTH, initial_indent=begin, subsequent_indent='  ')
