@@ -184,7 +184,7 @@ def show_result(
 ) -> None:
     """Print the JSON document if --json requests it, else the tables and texts of a result."""
     if arguments.json:
-        sys.stdout.write(document())
+        print(document(), end='')
     else:
         show()
 

@@ -127,18 +127,18 @@ def main(argv: Sequence[str] | None = None) -> int:
                 with tables_written(getattr(arguments, 'table', None)):
                     code: int = arguments.run(arguments) or DONE
         finally:
-            sys.stdout.flush()
+            print(end='', flush=True)  # also if standard output is closed
     except BrokenPipeError:  # the reader of the pipe closed it
         _discard_output()
         return FAILED
-    except KeyboardInterrupt as interrupt:
+    except KeyboardInterrupt:
         # Block further signals: the interpreter removes its handlers as it ends, and the exit code
         # would become that of the signal. Threads that libraries started are not blocked.
         if hasattr(signal, 'pthread_sigmask'):
             signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-        return _end(INTERRUPTED, str(interrupt) or 'interrupted')
+        return _end(INTERRUPTED, 'interrupted')
     except errors.StoppedError as error:
         return _end(INTERRUPTED, str(error))
     except Exception as error:  # noqa: BLE001 an unknown error is raised again

@@ -105,13 +105,8 @@ def requested_part(arguments: argparse.Namespace, given: str | None = None) -> '
 
 def add_confidence(parser: argparse.ArgumentParser) -> None:
     """Add --confidence, a share."""
-    add_share(
-        parser,
-        '--confidence',
-        'C',
-        'confidence of the intervals: more than 0.5 and less than 1 (0.95)',
-        default='0.95',
-    )
+    text = 'confidence of the intervals: more than 0.5 and less than 1 (0.95)'
+    add_share(parser, '--confidence', 'C', text, default='0.95')
 
 
 def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
@@ -146,13 +141,9 @@ def add_out(parser: argparse.ArgumentParser, text: str, page: str = '') -> None:
 
 def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
     """Add --seed; ``what`` is the same for the same seed."""
-    add_integer(
-        parser,
-        '--seed',
-        f'the same seed gives the same {what} ({conditions.DEFAULT_SEED})',
-        metavar='S',
-        default=conditions.DEFAULT_SEED,
-    )
+    seed = conditions.DEFAULT_SEED
+    text = f'the same seed gives the same {what} ({seed})'
+    add_integer(parser, '--seed', text, metavar='S', default=seed)
 
 
 def add_model_range(parser: argparse.ArgumentParser) -> None:
@@ -261,12 +252,8 @@ def add_quantities(
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Add --workers and --scheduler, which tell where to simulate; see start_workers."""
     place = parser.add_mutually_exclusive_group()
-    add_integer(
-        place,
-        '--workers',
-        'number of worker threads, or of processes of Bullet (one per core)',
-        metavar='W',
-    )
+    text = 'number of worker threads, or of processes of Bullet (one per core)'
+    add_integer(place, '--workers', text, metavar='W')
     place.add_argument(
         '--scheduler',
         metavar='ADDRESS',

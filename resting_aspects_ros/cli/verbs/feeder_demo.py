@@ -139,7 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
             failure = error
         found = demo.save()
         if arguments.json:
-            sys.stdout.write(found)
+            print(found, end='')
         if failure is not None:
             raise failure
         return INTERRUPTED if stop.asked else DONE
