@@ -127,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 with tables_written(getattr(arguments, 'table', None)):
                     code: int = arguments.run(arguments) or DONE
         finally:
-            print(end='', flush=True)  # also if standard output is closed
+            print(end='', flush=True)  # standard output may be closed
     except BrokenPipeError:  # the reader of the pipe closed it
         _discard_output()
         return FAILED

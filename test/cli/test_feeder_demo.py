@@ -16,13 +16,13 @@ from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Header
 
 from resting_aspects_ros.cli import node_processes
-from resting_aspects_ros.cli.feeder_watch import (
+from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
+from resting_aspects_ros.cli.verbs import feeder_demo
+from resting_aspects_ros.client.feeder_watch import (
     FeederWatch,
     feeder_sentence,
     feeder_table,
 )
-from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
-from resting_aspects_ros.cli.verbs import feeder_demo
 from resting_aspects_ros.errors import RestingAspectsError
 
 

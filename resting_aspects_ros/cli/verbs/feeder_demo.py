@@ -27,17 +27,17 @@ from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import check_files, whole_file
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli import options
-from resting_aspects_ros.cli.feeder_watch import (
-    FeederWatch,
-    Moment,
-    feeder_sentence,
-    feeder_table,
-)
 from resting_aspects_ros.cli.life_cycle import DONE, INTERRUPTED, save_text
 from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
 from resting_aspects_ros.cli.verbs.forecast import add_tray
 from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.client.connection import Connection
+from resting_aspects_ros.client.feeder_watch import (
+    FeederWatch,
+    Moment,
+    feeder_sentence,
+    feeder_table,
+)
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.forecast import check_minutes

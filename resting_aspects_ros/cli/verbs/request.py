@@ -2,8 +2,7 @@
 
 import argparse
 import dataclasses
-
-from resting_aspects_interfaces.msg import AspectDistribution
+from typing import Any
 
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import missing_in
@@ -98,7 +97,7 @@ def _part(client: RestingAspectsClient, name: str) -> Part | None:
         return None
 
 
-def result_from(message: AspectDistribution, part: Part | None) -> DropResult:
+def result_from(message: Any, part: Part | None) -> DropResult:
     """Convert an AspectDistribution into a result."""
     distribution, run = distribution_from(message), run_from(message.run)
     return DropResult(
