@@ -264,15 +264,6 @@ def estimate_msg(
     )
 
 
-def estimate_from(msg: AspectDistribution) -> Estimate:
-    """Return the prediction in a message whose method is the name of an estimator."""
-    return Estimate(
-        aspects_from(msg.run.part_sha256, msg.aspects),
-        msg.method,
-        np.array([aspect.probability for aspect in msg.aspects]),
-    )
-
-
 def distribution_from(msg: AspectDistribution) -> Distribution:
     """Return the distribution in a message; its probabilities are computed from the counts.
 

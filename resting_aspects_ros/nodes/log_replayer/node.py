@@ -323,14 +323,12 @@ class LogReplayer(Node):
     Parameters
     ----------
     given : values of parameters, which override those of --ros-args
-    watch : called regularly with the position
     options : of rclpy.node.Node, such as the namespace and the context
     """
 
     def __init__(
         self,
         given: Mapping[str, Any] | None = None,
-        watch: Callable[[ReplayPosition], object] = lambda _: None,
         **options: Any,
     ) -> None:
         overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
@@ -348,7 +346,6 @@ class LogReplayer(Node):
             topic.recorded: advertise(self, topic.message, topic.name, topic.qos, overridable=True)
             for topic in topics
         }
-        self._watch = watch
         self._started = time.monotonic()
         self._replay = LogPlayer(
             recording,
@@ -381,7 +378,6 @@ class LogReplayer(Node):
     def _step(self) -> None:
         wait = self._replay.play()
         position = self._replay.position
-        self._watch(position)
         if self._clock_output is not None:
             self._clock_output.publish(Clock(clock=time_msg(position.time)))
         if wait is None:
@@ -433,7 +429,6 @@ class LogReplayer(Node):
         self, response: Trigger.Response, state: str, *, changed: bool = False
     ) -> Trigger.Response:
         position = self._replay.position
-        self._watch(position)
         response.success = not position.over
         response.message = f'{"over" if position.over else state}, at {position}'
         if changed and not position.over:
