@@ -252,7 +252,7 @@ def contact_page_table(result: 'DropResult') -> Table | None:
     if part is None or contacts is None:
         return None
     planes = contact_planes(scene_of(part, result.run.conditions))
-    drawn = picture_part(part, distribution.aspects)
+    drawn = picture_part(part)
     table = contact_table(contacts, distribution)
     table.picture_width = PIXELS // 2
     rows = contacts.sorted_rows(distribution.interval, distribution.confidence)

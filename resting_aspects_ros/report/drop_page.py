@@ -71,7 +71,6 @@ from resting_aspects_ros.report.picture import (
     draw_parts,
     picture_part,
     pose_parts,
-    triangle_counts,
 )
 from resting_aspects_ros.report.table import DOWN, Table
 from resting_aspects_ros.rotations import rotate
@@ -229,7 +228,7 @@ class DrawnRows:
     def __init__(self, distribution: Distribution, part: Part | None, pixels: int = 0) -> None:
         self.rows = class_rows(distribution)
         self.outside = outside_rows(distribution)
-        self.part = part and picture_part(part, distribution.aspects)
+        self.part = part and picture_part(part)
         aspects = [row.aspects[0] for row in self.rows]
         self.posed_parts = pose_parts(self.part, aspects) if self.part else []
         order = sorted(range(len(self.posed_parts)), key=lambda k: -self.rows[k].count)
@@ -268,15 +267,12 @@ def _top(
 ) -> Iterator[Item]:
     """Yield the 3D view, if there is one, and the shares of all outcomes."""
     if drawn.part is not None and drawn.rows:
-        triangles = triangle_counts(part, drawn.part)
-        hint = (
-            ''
-            if triangles is None
-            else (
-                f'The pictures show a simplified mesh with {triangles[1]:,} of {triangles[0]:,} '
-                'triangles. All numbers are computed from the full mesh.'
+        hint = ''
+        if part is not None and len(drawn.part.faces) < len(part.faces):
+            hint = (
+                f'The pictures show a simplified mesh with {len(drawn.part.faces):,} of '
+                f'{len(part.faces):,} triangles. All numbers are computed from the full mesh.'
             )
-        )
         data = scene(drawn.part, drawn.rows, drawn.posed_parts)
         yield View(data, shown[0].oblique, shown[0].name, shown[0].probability, hint)
     rows = [*drawn.rows, *drawn.outside]

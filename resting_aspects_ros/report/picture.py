@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation, uniform_filter
-from scipy.spatial import KDTree
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
@@ -148,74 +147,39 @@ def _spread(low: Array, high: Array, size: int) -> tuple[Indices, Indices]:
 MIN_CELLS = 3
 
 
-def coarse_faces(vertices: Array, faces: Indices, max_faces: int, kept: Indices) -> Indices:
-    """Return faces of a coarser mesh, or the same faces if there are at most ``max_faces``.
+def coarse_mesh(vertices: Array, faces: Indices, max_faces: int) -> tuple[Array, Indices]:
+    """Return vertices and faces of a coarser mesh; the same ones if there are few enough faces.
 
-    Vertices in one cell of a cubic grid are merged into the one nearest to their mean, so that no
-    new points are made (clustering: Rossignac, Borrel 1993). The cells are enlarged until there
-    are few enough faces, or until the grid has MIN_CELLS along the longest side.
+    Vertices in one cell of a cubic grid are merged into their mean (clustering: Rossignac, Borrel
+    1993). The cells are enlarged until there are at most ``max_faces``, or until the grid has
+    MIN_CELLS along the longest side.
 
     Parameters
     ----------
     vertices : (n, 3) float
     faces : (m, 3) int
-    max_faces : int
-        Maximum number of triangles.
-    kept : (k,) int
-        Vertices that are not merged into others.
-
-    Returns
-    -------
-    (m', 3) int
-        Indices of ``vertices``.
     """
+    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0).max()
     cells = max(round(max_faces**0.5), MIN_CELLS)
-    while len(faces) > max_faces:
-        merged = _merge_vertices(vertices, faces, cells, kept)
-        if len(merged) <= max_faces or cells == MIN_CELLS:
-            return merged
-        cells = max(cells * 4 // 5, MIN_CELLS)
-    return faces
-
-
-def _merge_vertices(vertices: Array, faces: Indices, cells: int, kept: Indices) -> Indices:
-    """Return the faces that remain after the vertices in each cell were merged."""
-    representative = _representatives(vertices, _cells(vertices, cells, kept), kept)
-    merged = representative[faces]
-    a, b, c = merged.T
-    whole = (a != b) & (b != c) & (c != a)
-    # Duplicate faces, such as of thin walls that collapsed, are kept once.
-    _, first = np.unique(np.sort(merged[whole], axis=1), axis=0, return_index=True)
-    whole = np.flatnonzero(whole)[np.sort(first)]
-    merged = merged[whole]
-    # A face that was turned over by the merge is flipped back, so that its shading is right.
-    flipped = (face_normals(vertices[merged]) * face_normals(vertices[faces[whole]])).sum(
-        axis=1
-    ) < 0
-    merged[flipped] = merged[flipped, ::-1]
-    return merged
-
-
-def _cells(vertices: Array, cells: int, kept: Indices) -> Indices:
-    """Return (n,) cell numbers of the vertices; a cell with kept vertices is split among them."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    place = np.floor((vertices - low) * (cells / (high - low).max())).astype(np.int64)
-    cell = place @ np.array([1, cells + 1, (cells + 1) ** 2])
-    if len(kept):
-        divided = np.isin(cell, cell[kept])
-        cell[divided] = -1 - KDTree(vertices[kept]).query(vertices[divided])[1]
-    return np.asarray(cell)
-
-
-def _representatives(vertices: Array, cell: Indices, kept: Indices) -> Indices:
-    """Return (n,) the vertex into which each is merged: a kept one, or the nearest to the mean."""
-    _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
-    sums = [np.bincount(number, weights=along) for along in vertices.T]
-    mean = np.stack(sums, axis=1) / count[:, None]
-    distance = np.linalg.norm(vertices - mean[number], axis=1)
-    distance[kept] = -1.0
-    order = np.lexsort([distance, number])
-    return np.asarray(order[np.cumsum(count) - count][number])
+    points, corners = vertices, faces
+    while len(corners) > max_faces and cells >= MIN_CELLS:
+        place = np.floor((vertices - low) * (cells / size)).astype(np.int64)
+        cell = place @ np.array([1, cells + 1, (cells + 1) ** 2])
+        _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
+        sums = [np.bincount(number, weights=along) for along in vertices.T]
+        points, merged = np.stack(sums, axis=1) / count[:, None], number[faces]
+        a, b, c = merged.T
+        whole = (a != b) & (b != c) & (c != a)
+        corners = merged[whole]
+        # A face that was turned over by the merge is flipped back, so that it is visible.
+        turned = face_normals(points[corners]) * face_normals(vertices[faces[whole]])
+        flipped = turned.sum(axis=1) < 0
+        corners[flipped] = corners[flipped, ::-1]
+        # Duplicate faces, such as of thin walls that collapsed, are kept once.
+        _, first = np.unique(np.sort(corners), axis=0, return_index=True)
+        corners = corners[np.sort(first)]
+        cells = cells * 4 // 5
+    return points, corners
 
 
 Image = npt.NDArray[np.float32]
@@ -428,10 +392,6 @@ MIN_TRIANGLES = 100
 # Maximum number of triangles in pictures and in the 3D view of a page: with more, triangles are
 # smaller than pixels.
 MAX_PICTURE_TRIANGLES = 50_000
-# Vertices this close to the surface touch it, R.
-_TOUCHING = 1e-6
-# A coarse mesh keeps the outermost touching vertices in these directions.
-_AZIMUTHS = np.arange(8) * (np.pi / 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -464,32 +424,21 @@ def aspect_poses(part: Part, aspects: Sequence[Aspect]) -> list[AspectPose]:
     return [_pose_at(part, a, place) for a, place in zip(aspects, places, strict=True)]
 
 
-def message_faces(part: Part, aspects: Sequence[Aspect]) -> Indices:
-    """Return (m, 3) faces of the part, coarse if a message of all aspects would be too large."""
-    max_faces = max(MAX_TRIANGLES // max(len(aspects), 1), MIN_TRIANGLES)
-    return _simplified_faces(part, aspects, max_faces)
+def message_part(part: Part, count: int) -> Part:
+    """Return the part, with a coarse mesh if a message of ``count`` aspects would be too large."""
+    return _coarse_part(part, max(MAX_TRIANGLES // max(count, 1), MIN_TRIANGLES))
 
 
-def picture_part(part: Part, aspects: Sequence[Aspect]) -> Part:
+def picture_part(part: Part) -> Part:
     """Return the part for pictures: with a coarse mesh if it has too many triangles."""
-    faces = _simplified_faces(part, aspects, MAX_PICTURE_TRIANGLES)
-    if faces is part.faces:
-        return part
-    used, number = np.unique(faces, return_inverse=True)
-    return dataclasses.replace(
-        part, vertices=part.vertices[used], faces=number.reshape(faces.shape)
-    )
+    return _coarse_part(part, MAX_PICTURE_TRIANGLES)
 
 
-def _simplified_faces(part: Part, aspects: Sequence[Aspect], max_faces: int) -> Indices:
-    """Return at most ``max_faces`` faces between vertices of the part.
-
-    They keep vertices on which the part rests, so that it touches the surface in every aspect.
-    """
+def _coarse_part(part: Part, max_faces: int) -> Part:
     if len(part.faces) <= max_faces:
-        return part.faces
-    kept = [_touching(part, aspect) for aspect in aspects]
-    return coarse_faces(part.vertices, part.faces, max_faces, np.unique(np.concatenate(kept)))
+        return part
+    vertices, faces = coarse_mesh(part.vertices, part.faces, max_faces)
+    return dataclasses.replace(part, vertices=vertices, faces=faces)
 
 
 def _places(count: int) -> Array:
@@ -502,31 +451,9 @@ def _places(count: int) -> Array:
 
 
 def _pose_at(part: Part, aspect: Aspect, place: Array) -> AspectPose:
-    heights = _heights(part, aspect)
+    heights = np.asarray(part.vertices @ -down_in_part(aspect.orientation))
     centre = rotate(aspect.orientation, part.centre_of_mass)
     position = np.append(place - centre[:2], -heights.min())
     return AspectPose(
         aspect.id, position, aspect.orientation, position + centre, float(np.ptp(heights))
     )
-
-
-def _heights(part: Part, aspect: Aspect) -> Array:
-    """Return the (n,) heights of the vertices above the origin of the part frame, m."""
-    return np.asarray(part.vertices @ -down_in_part(aspect.orientation))
-
-
-def _touching(part: Part, aspect: Aspect) -> Indices:
-    """Return the outermost vertices that touch the surface, and the lowest vertex."""
-    heights = _heights(part, aspect)
-    lowest = int(heights.argmin())
-    near = np.flatnonzero(heights - heights[lowest] <= _TOUCHING * part.hull_radius)
-    x, y, _ = rotate(aspect.orientation, part.vertices[near]).T
-    along = np.outer(np.cos(_AZIMUTHS), x) + np.outer(np.sin(_AZIMUTHS), y)
-    return np.append(near[along.argmax(axis=1)], lowest)
-
-
-def triangle_counts(part: Part | None, shown: Part | None) -> tuple[int, int] | None:
-    """Return the numbers of triangles of the part and of the simplified part, if they differ."""
-    if part is None or shown is None or len(part.faces) == len(shown.faces):
-        return None
-    return len(part.faces), len(shown.faces)

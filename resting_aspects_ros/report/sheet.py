@@ -205,7 +205,7 @@ def _rows(
     """Return the row of each outline, and the scale of their drawings in words."""
     groups = [members(each, aspects) for each in outlines]
     shown = [group[0] for group in groups]
-    posed = pose_parts(picture_part(part, shown), shown)
+    posed = pose_parts(picture_part(part), shown)
     colours = [aspect_colour(aspect) for aspect in shown]
     images = draw_parts(posed, [rgb(colour) for colour in colours], PIXELS)
     # Turned as in the picture, so that a person recognizes the part.

@@ -108,7 +108,7 @@ def group_images(part: Part | None, groups: Sequence[Group], pixels: int) -> lis
     if part is None or not shown:
         return images
     aspects = [groups[k].aspects[0] for k in shown]
-    posed_parts = pose_parts(picture_part(part, aspects), aspects)
+    posed_parts = pose_parts(picture_part(part), aspects)
     drawn = draw_parts(posed_parts, [rgb(groups[k].colour) for k in shown], pixels)
     for k, image in zip(shown, drawn, strict=True):
         images[k] = image

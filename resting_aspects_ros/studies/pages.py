@@ -84,7 +84,7 @@ def case_pictures(case: Case) -> list[str]:
     members = [alike[0] for alike in case.aspects.classes()]
     found = [''] * len(members)
     with analysis(f'the pictures of {case.part.name}'):
-        part = picture_part(case.part, case.aspects)
+        part = picture_part(case.part)
         colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
         images = draw_parts(pose_parts(part, members), colours, PIXELS)
         found[:] = [picture_uri(image) for image in images]
@@ -338,7 +338,7 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
     with analysis('the pictures of the wanted aspects', notes):
         if wanted := [a for a in result.aspects if a.id in result.objective.wanted]:
             colours = [aspect_colour(aspect) for aspect in wanted]
-            part = picture_part(result.part, result.aspects)
+            part = picture_part(result.part)
             images = draw_parts(pose_parts(part, wanted), [rgb(c) for c in colours], PIXELS)
             names = [f'aspect {aspect.id}' for aspect in wanted]
             pictures = map(picture_uri, images)

@@ -20,7 +20,7 @@ from resting_aspects_ros.nodes.aspect_classifier.counting import Tally
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspect_colour, probability_text, rgb
-from resting_aspects_ros.report.picture import aspect_poses, message_faces
+from resting_aspects_ros.report.picture import aspect_poses, message_part
 from resting_aspects_ros.ros.callbacks import PartTopics, WorkTimer, advertise, start_task
 from resting_aspects_ros.ros.conversions import (
     check_surroundings,
@@ -69,10 +69,11 @@ class PartMarkers:
     def __init__(self, part: Part, aspects: AspectSet, frame: str = FRAME) -> None:
         self._frame = frame
         self._delete_all = Marker(action=Marker.DELETEALL)
-        triangles = part.vertices[message_faces(part, aspects)].reshape(-1, 3)
+        shown = message_part(part, len(aspects))
+        triangles = shown.vertices[shown.faces].reshape(-1, 3)
         points = [Point(**xyz(point)) for point in triangles]
         self._meshes, self._texts = [], []
-        for one, aspect in zip(aspect_poses(part, aspects), aspects, strict=True):
+        for one, aspect in zip(aspect_poses(shown, aspects), aspects, strict=True):
             pose, (x, y, _) = pose_msg(one.position, one.orientation), one.centre_of_mass.tolist()
             mesh = _mesh(MESHES, aspect.id, aspect_colour(aspect), points, pose=pose)
             z, size = one.top + ABOVE * part.hull_radius, LETTERS * part.hull_radius
