@@ -3,7 +3,6 @@
 import dataclasses
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +22,8 @@ from resting_aspects_ros.report.figure import (
     plain_axes,
 )
 from resting_aspects_ros.report.format import (
-    GREY,
     aspect_colour,
+    aspects_text,
     decimals_of,
     ids_text,
     millimetres_text,
@@ -32,7 +31,13 @@ from resting_aspects_ros.report.format import (
     rgb,
 )
 from resting_aspects_ros.report.picture import Image, draw_parts, picture_part, pose_parts
-from resting_aspects_ros.report.transitions import OUTCOME_HEADINGS
+from resting_aspects_ros.report.transitions import (
+    OUTCOME_HEADINGS,
+    Rows,
+    matrix_intervals,
+    shown_columns,
+    table_rows,
+)
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.statistics.transitions import OUTCOMES, RetentionCurve, TransitionMatrix
 
@@ -41,78 +46,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MAX_GROUPS = 12
+MAX_ROWS = 12
 
 
-@dataclass(frozen=True, eq=False)
-class Group:
-    """Aspects that a figure draws as one.
-
-    name : str
-        '3', '1 and 2', '18 others'.
-    colour : str
-        '#RRGGBB'.
-    alike : bool
-        Whether the aspects are in one symmetry class, so that the group has a picture.
-    """
-
-    name: str
-    aspects: tuple[Aspect, ...]
-    colour: str
-    alike: bool = True
-
-    @property
-    def title(self) -> str:
-        """The name with the word 'aspect', as 'aspects 1 and 2'."""
-        return f'aspect{"s" * (len(self.aspects) > 1)} {self.name}' if self.alike else self.name
-
-
-def group_of(alike: tuple[Aspect, ...]) -> Group:
-    """Return the group of some or all aspects of a symmetry class."""
-    return Group(ids_text(alike), alike, aspect_colour(alike[0]))
-
-
-def aspect_groups(aspects: AspectSet, weights: Array) -> list[Group]:
-    """Return a group for each aspect, or for each symmetry class if there are many aspects.
-
-    If there are also many classes, those with the largest weights have a group each, in the order
-    of their numbers, and a last group contains all other aspects. Many is more than MAX_GROUPS.
-
-    Parameters
-    ----------
-    weights : (k,) float
-        How important each aspect is in the figure, 0 or more.
-    """
-    by_class = len(aspects) > MAX_GROUPS
-    rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects]
-    total = np.array([weights[[aspect.id - 1 for aspect in row]].sum() for row in rows])
-    shown = set(np.argsort(-total, kind='stable')[:MAX_GROUPS].tolist())
-    groups = [group_of(row) for k, row in enumerate(rows) if k in shown]
-    if others := [aspect for k, row in enumerate(rows) if k not in shown for aspect in row]:
-        groups.append(Group(f'{len(others)} others', tuple(others), GREY, alike=False))
-    return groups
-
-
-def membership(groups: Sequence[Group], count: int) -> Array:
-    """Return (groups, count) numbers: 1 if the aspect of the column is in the group, else 0."""
-    member = np.zeros((len(groups), count))
-    for k, group in enumerate(groups):
-        member[k, [aspect.id - 1 for aspect in group.aspects]] = 1.0
-    return member
-
-
-def group_images(part: Part | None, groups: Sequence[Group], pixels: int) -> list[Image | None]:
-    """Return a picture of the part in each group, None without a part or for other aspects."""
-    shown = [k for k, group in enumerate(groups) if group.alike]
-    images: list[Image | None] = [None] * len(groups)
-    if part is None or not shown:
-        return images
-    aspects = [groups[k].aspects[0] for k in shown]
+def row_images(part: Part | None, rows: Rows, pixels: int) -> list[Image]:
+    """Return a picture of the part in each row; none without a part."""
+    if part is None:
+        return []
+    aspects = [row[0] for row in rows]
     posed_parts = pose_parts(picture_part(part), aspects)
-    drawn = draw_parts(posed_parts, [rgb(groups[k].colour) for k in shown], pixels)
-    for k, image in zip(shown, drawn, strict=True):
-        images[k] = image
-    return images
+    return draw_parts(posed_parts, [rgb(aspect_colour(each)) for each in aspects], pixels)
 
 
 # Sizes in pixels. GAP separates the outcomes from the aspects, BESIDE a name from what it names.
@@ -134,54 +77,52 @@ MAX_DECIMALS = 2
 def transition_figure(matrix: TransitionMatrix, part: Part | None, title: str) -> 'Figure':
     """Plot the probability and its interval from each aspect (row) to each aspect (column).
 
-    If there are more than 12 aspects, rows and columns are symmetry classes. If there are also
-    more than 12 classes, those to which most actions lead are shown, and the others share a row
-    and a column. Outcomes in no aspect have columns if they occurred.
-
-    Parameters
-    ----------
-    matrix : TransitionMatrix
-        By aspect.
-    part : Part or None
-        Without the part, the figure has no pictures.
-    title : str
-        Without a title, the figure has no explanation either; see transition_note.
+    If there are more than MAX_ROWS aspects, rows and columns are symmetry classes; of more
+    classes, those to which most actions lead are shown. Outcomes in no aspect have columns if
+    they occurred. Without a title, the figure has no explanation either; see transition_note.
+    ``matrix`` is by aspect.
     """
-    groups = _groups(matrix)
-    grouped = _grouped(matrix, groups)
-    outcomes = [j for j in range(len(OUTCOMES)) if grouped.counts[:, len(groups) + j].any()]
-    columns = len(groups) + len(outcomes)
+    matrix, rows, kept = _arranged(matrix)
+    shown = [*kept, *(c for c in shown_columns(matrix) if c >= len(matrix.counts))]
+    columns = len(shown)
     side = CELL if columns <= MANY else CELL_OF_MANY
     left = MARGIN + NAMES + (side if part else 0) + BESIDE
-    width = left + side * columns + GAP * bool(outcomes) + ACTIONS + MARGIN
+    width = left + side * columns + GAP * (columns > len(rows)) + ACTIONS + MARGIN
     width = max(width, MIN_WIDTH)
     header = Header(title, transition_note(matrix) if title else '', width)
-    lines = max((_name(group.name).count('\n') + 1 for group in groups), default=1)
+    names = [textwrap.fill(ids_text(row), 8) for row in rows]
+    lines = max((name.count('\n') + 1 for name in names), default=1)
     above = (side if part else 0) + LINE * max(lines, 2) + 2 * BESIDE
-    figure, axes = pixel_axes(width, header.height + above + side * len(groups) + MARGIN)
+    figure, axes = pixel_axes(width, header.height + above + side * len(rows) + MARGIN)
     header.draw(axes)
     x = left + side * np.arange(0.5, columns, dtype=np.float64)
-    x[len(groups) :] += GAP
-    y = MARGIN + side * np.arange(0.5, len(groups), dtype=np.float64)[::-1]
-    _draw_axes(axes, groups, group_images(part, groups, side), (x, y), side)
-    top = MARGIN + side * len(groups) + BESIDE
-    for j, place in zip(outcomes, x[len(groups) :], strict=True):
-        _write(axes, OUTCOME_HEADINGS[OUTCOMES[j]], place, top, ha='center', va='bottom')
-    shown = [*range(len(groups)), *(len(groups) + j for j in outcomes)]
-    _draw_cells(axes, grouped, shown, (x, y), side)
-    for n, place in zip(grouped.actions.tolist(), y, strict=True):
-        text = f'{n:,} actions'.replace(',', ' ')
+    x[len(rows) :] += GAP
+    y = MARGIN + side * np.arange(0.5, len(rows), dtype=np.float64)[::-1]
+    _draw_axes(axes, names, row_images(part, rows, side), (x, y), side)
+    top = MARGIN + side * len(rows) + BESIDE
+    for column, place in zip(shown[len(rows) :], x[len(rows) :], strict=True):
+        heading = OUTCOME_HEADINGS[OUTCOMES[column - len(matrix.counts)]]
+        _write(axes, heading, place, top, ha='center', va='bottom')
+    found = matrix_intervals(matrix)
+    for row, place in zip(kept, y.tolist(), strict=True):
+        for column, at in zip(shown, x.tolist(), strict=True):
+            interval = found[row][column] if found[row] else None
+            _draw_cell(axes, interval, (at, place), side, outcome=column >= len(matrix.counts))
+        text = f'{matrix.actions[row]:,} actions'.replace(',', ' ')
         axes.text(x[-1] + side / 2 + BESIDE, place, text, size=7, color=FAINT, va='center')
     return figure
 
 
-def _grouped(matrix: TransitionMatrix, groups: Sequence[Group]) -> TransitionMatrix:
-    """Return the matrix over the groups: rows and columns are summed, as by_class does."""
-    k = len(matrix.aspects)
-    member = membership(groups, k).astype(np.int64)
-    counts = member @ matrix.counts
-    inside = counts[:, :k] @ member.T
-    return dataclasses.replace(matrix, counts=np.hstack([inside, counts[:, k:]]))
+def _arranged(
+    matrix: TransitionMatrix,
+) -> tuple[TransitionMatrix, list[tuple[Aspect, ...]], list[int]]:
+    """Return the matrix by aspect or class, and the aspects and numbers of the shown rows."""
+    by_class = len(matrix.counts) > MAX_ROWS
+    rows = table_rows(matrix.aspects, by_class=by_class)
+    matrix = matrix.by_class() if by_class else matrix
+    arrivals = matrix.counts[:, : len(rows)].sum(axis=0)
+    kept = np.sort(np.argsort(-arrivals, kind='stable')[:MAX_ROWS]).tolist()
+    return matrix, [rows[k] for k in kept], kept
 
 
 def transition_note(matrix: TransitionMatrix) -> str:
@@ -191,50 +132,30 @@ def transition_note(matrix: TransitionMatrix) -> str:
         f'of the column, with {100 * matrix.confidence:g} % interval '
         f'({matrix.interval.capitalize()}).'
     )
-    if others := [group for group in _groups(matrix) if not group.alike]:
-        note += (
-            f' The aspects to which most actions lead are shown; {len(others[0].aspects)} others '
-            'share a row and a column.'
-        )
+    if len(matrix.aspects.classes()) > MAX_ROWS:
+        note += f' The {MAX_ROWS} classes of aspects to which most actions lead are shown.'
     return note
-
-
-def _groups(matrix: TransitionMatrix) -> list[Group]:
-    arrivals = matrix.counts[:, : len(matrix.aspects)].sum(axis=0)
-    return aspect_groups(matrix.aspects, arrivals.astype(float))
 
 
 def _draw_axes(
     axes: 'Axes',
-    groups: Sequence[Group],
-    images: Sequence[Image | None],
+    names: Sequence[str],
+    images: Sequence[Image],
     places: tuple[Array, Array],
     side: int,
 ) -> None:
-    """Draw picture and name of each group left of its row and above its column."""
+    """Draw the picture and the name of each row left of it and above its column."""
     x, y = places
     left, top = x[0] - side / 2 - BESIDE, y[0] + side / 2 + BESIDE
-    pictures = side if any(image is not None for image in images) else 0
-    for k, (group, image) in enumerate(zip(groups, images, strict=True)):
-        if image is not None:
-            draw_image(axes, image, left - side / 2, y[k])
-            draw_image(axes, image, x[k], top + side / 2)
-        beside = left - pictures - BESIDE / 2
-        _write(axes, _name(group.name), beside, y[k], ha='right', va='center')
-        _write(
-            axes,
-            _name(group.name),
-            x[k],
-            top + (side if image is not None else 0),
-            ha='center',
-            va='bottom',
-        )
+    pictures = side if images else 0
+    for k, image in enumerate(images):
+        draw_image(axes, image, left - side / 2, y[k])
+        draw_image(axes, image, x[k], top + side / 2)
+    for k, name in enumerate(names):
+        _write(axes, name, left - pictures - BESIDE / 2, y[k], ha='right', va='center')
+        _write(axes, name, x[k], top + pictures, ha='center', va='bottom')
     _write(axes, 'from', MARGIN, top, ha='left', va='bottom', color=FAINT)
     _write(axes, 'to', left - BESIDE, top + pictures, ha='right', va='bottom', color=FAINT)
-
-
-def _name(name: str) -> str:
-    return textwrap.fill(name, 8)
 
 
 def _write(axes: 'Axes', text: str, x: float, y: float, **style: Any) -> None:
@@ -242,29 +163,26 @@ def _write(axes: 'Axes', text: str, x: float, y: float, **style: Any) -> None:
     axes.text(x, y, text, **style)
 
 
-def _draw_cells(
+def _draw_cell(
     axes: 'Axes',
-    matrix: TransitionMatrix,
-    shown: Sequence[int],
-    places: tuple[Array, Array],
+    interval: Interval | None,
+    place: tuple[float, float],
     side: int,
+    *,
+    outcome: bool,
 ) -> None:
-    """Draw a cell for each row and each column in ``shown``; ``places`` are their centres."""
+    """Draw a cell around a place; None: there are no actions."""
     from matplotlib.patches import Rectangle
 
-    lower, upper = matrix.bounds()
-    for row, y in enumerate(places[1]):
-        for column, x in zip(shown, places[0], strict=True):
-            p = float(matrix.probability[row, column])
-            ends = (PALE, DEEP) if column < len(matrix.counts) else (PALE_OUTCOME, DEEP_OUTCOME)
-            colour = _mixed(*ends, 0.0 if np.isnan(p) else p)
-            corner = x - side / 2 + 1, y - side / 2 + 1
-            axes.add_patch(Rectangle(corner, side - 2, side - 2, color=colour, linewidth=0))
-            if np.isnan(p):
-                axes.text(x, y, '-', size=9, color=DARK_TEXT, ha='center', va='center')
-            else:
-                interval = Interval(p, float(lower[row, column]), float(upper[row, column]))
-                _write_cell(axes, interval, x, y)
+    x, y = place
+    ends = (PALE_OUTCOME, DEEP_OUTCOME) if outcome else (PALE, DEEP)
+    colour = _mixed(*ends, interval.probability if interval else 0.0)
+    corner = x - side / 2 + 1, y - side / 2 + 1
+    axes.add_patch(Rectangle(corner, side - 2, side - 2, color=colour, linewidth=0))
+    if interval is None:
+        axes.text(x, y, '-', size=9, color=DARK_TEXT, ha='center', va='center')
+    else:
+        _write_cell(axes, interval, x, y)
 
 
 def _write_cell(axes: 'Axes', interval: Interval, x: float, y: float) -> None:
@@ -294,17 +212,8 @@ LEFT, BOTTOM, RIGHT = 92, 84, 330
 LABEL, PICTURE = 84, 80
 # The axis is logarithmic if the highest lift is at least this multiple of the lowest.
 LOGARITHMIC = 20.0
-# Barriers closer than this share of the axis have dashes in turn.
-_CLOSE = 0.008
-_DASH = 5.0  # line widths
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """The curve of an aspect, or the common curve of several aspects that look the same."""
-
-    curve: RetentionCurve
-    group: Group
+# The curve of an aspect, or the common curve of several aspects that look the same.
+Line = tuple[RetentionCurve, tuple[Aspect, ...]]
 
 
 def retention_lines(curves: Sequence[RetentionCurve], aspects: AspectSet) -> list[Line]:
@@ -315,25 +224,15 @@ def retention_lines(curves: Sequence[RetentionCurve], aspects: AspectSet) -> lis
     lines: list[Line] = []
     for curve in curves:
         aspect = aspects[curve.aspect - 1]
-        for k, line in enumerate(lines):
-            if line.group.aspects[0].symmetry_class == aspect.symmetry_class and _same_lift(
-                line.curve.lift, curve.lift
-            ):
-                summed = dataclasses.replace(
-                    line.curve,
-                    left=line.curve.left + curve.left,
-                    parts=line.curve.parts + curve.parts,
-                )
-                lines[k] = Line(summed, group_of((*line.group.aspects, aspect)))
+        for k, (one, members) in enumerate(lines):
+            alike = members[0].symmetry_class == aspect.symmetry_class
+            if alike and one.lift.shape == curve.lift.shape and np.allclose(one.lift, curve.lift):
+                left, parts = one.left + curve.left, one.parts + curve.parts
+                lines[k] = dataclasses.replace(one, left=left, parts=parts), (*members, aspect)
                 break
         else:
-            lines.append(Line(curve, group_of((aspect,))))
+            lines.append((curve, (aspect,)))
     return lines
-
-
-def _same_lift(one: Array, other: Array) -> bool:
-    """Return whether lift heights are the same but for rounding."""
-    return one.shape == other.shape and np.allclose(one, other, rtol=1e-6)
 
 
 def retention_figure(
@@ -343,21 +242,11 @@ def retention_figure(
 
     Dashed vertical lines are the barriers. The axis is logarithmic if the lift heights span more
     than an order of magnitude. Curves of the same symmetry class and the same lift heights are one
-    line. If there are more than 10 lines, those of the classes with the largest basins are shown.
-
-    Parameters
-    ----------
-    curves : sequence of RetentionCurve
-        At least one.
-    aspects : AspectSet
-        The aspects of the part, to which the ids of the curves refer.
-    part : Part or None
-        Without the part, the figure has no pictures.
-    title : str
-        Without a title, the figure has no explanation either; see retention_note.
+    line. If there are more than MAX_LINES, those of the classes with the largest basins are shown.
+    Without a title, the figure has no explanation either; see retention_note.
     """
     lines = retention_lines(curves, aspects)
-    basins = [sum(aspect.basin_share for aspect in line.group.aspects) for line in lines]
+    basins = [sum(aspect.basin_share for aspect in members) for _, members in lines]
     largest = sorted(range(len(lines)), key=lambda k: -basins[k])[:MAX_LINES]
     shown = [lines[k] for k in sorted(largest)]
     header = Header(title, retention_note(curves, aspects) if title else '', WIDTH)
@@ -370,14 +259,13 @@ def retention_figure(
     )
     top = _draw_lines(axes, shown)
     _set_axes(axes, shown, top)
-    _draw_barriers(axes, shown)
-    ends = [BOTTOM + room * float(line.curve.probability[-1]) / top for line in shown]
-    images = group_images(part, [line.group for line in shown], PICTURE)
+    ends = [BOTTOM + room * float(curve.probability[-1]) / top for curve, _ in shown]
+    images = row_images(part, [members for _, members in shown], PICTURE)
     order = sorted(range(len(ends)), key=lambda k: ends[k])
     low, high = BOTTOM + LABEL / 2, BOTTOM + room - LABEL / 2
     places = labels_apart(np.array([ends[k] for k in order]), LABEL, low, high)
     for k, y in zip(order, places.tolist(), strict=True):
-        _write_label(canvas, shown[k], images[k], ends[k], y)
+        _write_label(canvas, shown[k], images[k] if images else None, ends[k], y)
     return figure
 
 
@@ -396,15 +284,16 @@ def retention_note(curves: Sequence[RetentionCurve], aspects: AspectSet) -> str:
 
 
 def _draw_lines(axes: 'Axes', shown: Sequence[Line]) -> float:
-    """Draw lines and bands, and return the end of the probability axis."""
+    """Draw lines, bands and barriers, and return the end of the probability axis."""
     top = 0.0
-    for line in shown:
-        lift, colour = 1000 * line.curve.lift, line.group.colour
-        lower, upper = line.curve.bounds()
+    for curve, members in shown:
+        lift, colour = 1000 * curve.lift, aspect_colour(members[0])
+        lower, upper = curve.bounds()
         axes.fill_between(lift, lower, upper, color=colour, alpha=0.22, linewidth=0)
-        axes.plot(
-            lift, line.curve.probability, marker='.', markersize=5, color=colour, linewidth=1.8
-        )
+        axes.plot(lift, curve.probability, '.-', markersize=5, color=colour, linewidth=1.8)
+        if np.isfinite(curve.barrier):
+            barrier = 1000 * curve.barrier
+            axes.axvline(barrier, color=colour, linewidth=1.3, linestyle='--', zorder=1.5)
         top = max(top, float(upper.max()))
     return min(1.1 * top, 1.0)
 
@@ -412,8 +301,8 @@ def _draw_lines(axes: 'Axes', shown: Sequence[Line]) -> float:
 def _set_axes(axes: 'Axes', shown: Sequence[Line], top: float) -> None:
     from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
-    low = 1000 * min(float(line.curve.lift[0]) for line in shown)
-    high = 1000 * max(float(line.curve.lift[-1]) for line in shown)
+    low = 1000 * min(float(curve.lift[0]) for curve, _ in shown)
+    high = 1000 * max(float(curve.lift[-1]) for curve, _ in shown)
     plain_axes(axes, 'y')
     axes.tick_params(axis='x', pad=9)
     locator: Locator = MaxNLocator(steps=[1, 2, 5, 10])
@@ -431,37 +320,18 @@ def _set_axes(axes: 'Axes', shown: Sequence[Line], top: float) -> None:
     axes.set_xlabel('lift height (mm)', size=8, color=FAINT, labelpad=8)
 
 
-def _draw_barriers(axes: 'Axes', shown: Sequence[Line]) -> None:
-    """Draw dashed lines at the barriers; lines at the same place are dashed in turn."""
-    pixels = axes.transData.transform
-    found = [(1000 * line.curve.barrier, line) for line in shown]
-    found = [(barrier, line) for barrier, line in found if np.isfinite(barrier)]
-    places = [float(pixels((barrier, 0))[0]) for barrier, _ in found]
-    close = _CLOSE * axes.bbox.width
-    for k, (barrier, line) in enumerate(found):
-        near = [j for j, place in enumerate(places) if abs(place - places[k]) < close]
-        dashes = (_DASH, _DASH * max(len(near) - 1, 1))
-        axes.axvline(
-            barrier,
-            color=line.group.colour,
-            linewidth=1.3,
-            linestyle=(_DASH * near.index(k), dashes),
-            zorder=1.5,
-        )
-
-
 def _write_label(canvas: 'Axes', line: Line, image: Image | None, end: float, y: float) -> None:
     """Write name and barrier at the height ``y``, linked with the end of the line."""
+    curve, members = line
     right = WIDTH - RIGHT
     x = right + 40
-    canvas.plot(
-        [right + 4, right + 14, x - 6, x], [end, end, y, y], color=line.group.colour, linewidth=1.2
-    )
+    link = [right + 4, right + 14, x - 6, x], [end, end, y, y]
+    canvas.plot(*link, color=aspect_colour(members[0]), linewidth=1.2)
     if image is not None:
         draw_image(canvas, image, x + 6 + PICTURE / 2, y)
         x += PICTURE + 8
-    barrier = line.curve.barrier
+    barrier = curve.barrier
     text = f'barrier {millimetres_text(barrier)} mm' if np.isfinite(barrier) else 'no barrier'
-    name = textwrap.fill(line.group.title, 16)
+    name = textwrap.fill(aspects_text(members), 16)
     canvas.text(x + 6, y + 2, name, size=8.5, weight='bold', color=TEXT, va='bottom')
     canvas.text(x + 6, y - 4, text, size=7.5, color=FAINT, va='top')

@@ -13,12 +13,10 @@ from resting_aspects_ros.report.document import numbers, plain
 from resting_aspects_ros.report.format import (
     aspects_heading,
     aspects_text,
-    decimals_of,
     ids_text,
     interval_text,
     millimetres_text,
     number_text,
-    percent_text,
     probability_text,
     share_percent_text,
     share_text,
@@ -41,9 +39,8 @@ OUTCOME_HEADINGS = {
     'failed': 'failed',
     'lost': 'lost',
 }
-# Width at which the heading of a class with many aspects is wrapped.
-_HEADING_WIDTH = 10
-# Keeps a name and its percentage in one line: textwrap does not break here.
+# Widths at which the heading of a class with many aspects, and a list, are wrapped.
+_HEADING_WIDTH, _LIST_WIDTH = 10, 56
 _NO_BREAK = '\N{NO-BREAK SPACE}'
 
 Rows = Sequence[tuple[Aspect, ...]]
@@ -60,122 +57,76 @@ def suffix_of(action: str, actions: Sequence[str]) -> str:
 
 
 def transition_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Table:
-    """Return a table with a row from each aspect or class; it fits 80 columns, in ASCII.
+    """Return a table with a row from each aspect or class of a matrix by aspect; in 80 columns.
 
-    Probabilities are in percent. If there is room, each has its interval below it; otherwise each
-    row is a list of the probabilities above 1 %, with the half width of its widest interval.
-    Outcomes in no aspect have columns if they occurred.
-
-    Parameters
-    ----------
-    matrix : TransitionMatrix
-        By aspect.
-    by_class : bool
-        Whether the table has a row and a column for each symmetry class instead of each aspect.
-    title : str
-        Plain text, shown above the table.
+    If the matrix is too wide, each row is a list of its probabilities.
     """
     table = interval_table(matrix, by_class, title)
-    return table if table.width <= WIDTH else _list_table(_cells(matrix, by_class), title)
+    return table if table.width <= WIDTH else _list_table(matrix, by_class, title)
 
 
 def interval_table(matrix: TransitionMatrix, by_class: bool, title: str = '') -> Table:
-    """Return the table that has the interval below each probability, however wide."""
-    cells = _cells(matrix, by_class)
-    caption = f'Below each probability is its {cells.confidence} interval.'
-    table = Table(title, ('from', *cells.headings, 'actions'), caption=caption)
-    for k, name in enumerate(cells.rows):
-        found = cells.of_row(k)
-        texts = [_with_bounds(found[c]) if found else NOTHING for c in cells.columns]
-        table.add_row(name, *texts, cells.actions[k])
+    """Return the matrix in percent, with the interval below each probability, however wide.
+
+    Outcomes in no aspect have columns if they occurred.
+    """
+    rows, matrix, columns = _arranged(matrix, by_class)
+    names = [textwrap.fill(f'to {ids_text(row)}', _HEADING_WIDTH) for row in rows]
+    names += [OUTCOME_HEADINGS[OUTCOMES[c - len(rows)]] for c in columns[len(rows) :]]
+    caption = f'Below each probability is its {100 * matrix.confidence:g} % interval.'
+    headings = ('from', *(f'{name}\n(%)' for name in names), 'actions')
+    table = Table(title, headings, caption=caption)
+    found = matrix_intervals(matrix)
+    for row, of_row, actions in zip(rows, found, matrix.actions.tolist(), strict=True):
+        texts = [_with_bounds(of_row[c]) if of_row else NOTHING for c in columns]
+        table.add_row(ids_text(row), *texts, str(actions))
     return table
 
 
-class _Cells:
-    """The numbers of a matrix, as intervals, and the names of its rows and columns."""
-
-    def __init__(self, matrix: TransitionMatrix, rows: Rows) -> None:
-        self.rows = [ids_text(row) for row in rows]
-        self.actions = [str(n) for n in matrix.actions.tolist()]
-        self.confidence = f'{100 * matrix.confidence:g} %'
-        self.several = any(len(row) > 1 for row in rows)
-        counts = matrix.counts.sum(axis=0)
-        occurred = [k for k in range(len(OUTCOMES)) if counts[len(rows) + k]]
-        # The columns of a table: the aspects, and the outcomes that occurred.
-        self.columns = [*range(len(rows)), *(len(rows) + k for k in occurred)]
-        names = [textwrap.fill(f'to {name}', _HEADING_WIDTH) for name in self.rows]
-        names += [OUTCOME_HEADINGS[OUTCOMES[k]] for k in occurred]
-        self.headings = [f'{name}\n(%)' for name in names]
-        lower, upper = matrix.bounds()
-        probability = np.where(np.isnan(matrix.probability), 0.0, matrix.probability)
-        self._intervals = [
-            [Interval(*values) for values in zip(*row, strict=True)]
-            for row in zip(probability.tolist(), lower.tolist(), upper.tolist(), strict=True)
-        ]
-
-    def of_row(self, row: int) -> list[Interval]:
-        """Return the probabilities of a row; empty if it has no actions."""
-        return self._intervals[row] if self.actions[row] != '0' else []
-
-    def widest(self, row: int) -> Interval:
-        """Return the widest interval of a row."""
-        return max(self._intervals[row], key=lambda each: each.upper - each.lower)
+def _list_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Table:
+    """Return a table that lists where the part goes from each row, the most probable first."""
+    rows, matrix, columns = _arranged(matrix, by_class)
+    names = [*map(ids_text, rows), *OUTCOMES]
+    caption = f'Probabilities of at most {100 * MIN_LISTED:g} % are summed as others.'
+    table = Table(title, ('from', 'to', 'actions'), texts={'to': None}, caption=caption)
+    found = matrix_intervals(matrix)
+    for name, of_row, actions in zip(names, found, matrix.actions.tolist(), strict=False):
+        order = sorted(columns, key=lambda c, row=of_row: -row[c].probability) if of_row else []
+        shown = [c for c in order if of_row[c].probability > MIN_LISTED]
+        entries = [f'{names[c]}: {probability_text(of_row[c])}' for c in shown]
+        if rest := sum(of_row[c].probability for c in order[len(shown) :]):
+            entries.append(f'others: {share_percent_text(rest)}')
+        # No line ends between a name and its percentage.
+        joined = '; '.join(entry.replace(' ', _NO_BREAK) for entry in entries)
+        text = textwrap.fill(joined, _LIST_WIDTH).replace(_NO_BREAK, ' ')
+        table.add_row(name, text or NOTHING, str(actions))
+    return table
 
 
-def _cells(matrix: TransitionMatrix, by_class: bool) -> _Cells:
+def _arranged(
+    matrix: TransitionMatrix, by_class: bool
+) -> tuple[list[tuple[Aspect, ...]], TransitionMatrix, list[int]]:
+    """Return the aspects of each row, the matrix of these rows, and the columns that are shown."""
     rows = table_rows(matrix.aspects, by_class=by_class)
-    return _Cells(matrix.by_class() if by_class else matrix, rows)
+    matrix = matrix.by_class() if by_class else matrix
+    return rows, matrix, shown_columns(matrix)
 
 
-def _list_table(cells: _Cells, title: str) -> Table:
-    """Return the table that lists the aspects that the part goes to from each row."""
-    outcomes = cells.headings[len(cells.rows) :]
-    caption = (
-        f'Probabilities of at most {100 * MIN_LISTED:g} % are summed as others. '
-        f'+-: half of the widest {cells.confidence} interval of the row.'
-    )
-    headings = ('from', 'to', *outcomes, '+-\n(%)', 'actions')
-    table = Table(title, headings, texts={'to': None}, caption=caption)
-    for k, name in enumerate(cells.rows):
-        found = cells.of_row(k)
-        outside = [
-            _row_text(found[c], cells.widest(k)) if found else NOTHING
-            for c in cells.columns[len(cells.rows) :]
-        ]
-        table.add_row(name, 'to', *outside, _half_width(cells, k), cells.actions[k])
-    # The lists are as wide as the other columns permit.
-    room = WIDTH - table.width + len('to')
-    for k, row in enumerate(table.rows):
-        row[1] = textwrap.fill(_list_text(cells, k), room).replace(_NO_BREAK, ' ')
-    return table
+def shown_columns(matrix: TransitionMatrix) -> list[int]:
+    """Return the columns of all aspects, and of the outcomes in no aspect that occurred."""
+    occurred = matrix.counts.any(axis=0)
+    rows = len(matrix.counts)
+    return [c for c in range(len(occurred)) if c < rows or occurred[c]]
 
 
-def _list_text(cells: _Cells, row: int) -> str:
-    """Return the probabilities of the aspects above MIN_LISTED in descending order, as a list."""
-    if not (found := cells.of_row(row)[: len(cells.rows)]):
-        return NOTHING
-    order = sorted(range(len(found)), key=lambda c: -found[c].probability)
-    shown = [c for c in order if found[c].probability > MIN_LISTED]
-    entries = [(cells.rows[c], found[c]) for c in shown]
-    if rest := sum(found[c].probability for c in order[len(shown) :]):
-        entries.append(('others', Interval(rest, 0.0, 1.0)))
-    separator = '; ' if cells.several else ', '  # the names of classes contain commas
-    return separator.join(
-        f'{name}: {_row_text(each, cells.widest(row))} %'.replace(' ', _NO_BREAK)
-        for name, each in entries
-    )
-
-
-def _row_text(interval: Interval, widest: Interval) -> str:
-    """Return a probability in percent with the decimals of the widest interval of its row."""
-    return percent_text(interval.probability, decimals_of(widest))
-
-
-def _half_width(cells: _Cells, row: int) -> str:
-    """Return half the width of the widest interval of a row, in percent."""
-    widest = cells.widest(row)
-    half = Interval((widest.upper - widest.lower) / 2, widest.lower, widest.upper)
-    return _bare(probability_text(half)) if cells.of_row(row) else NOTHING
+def matrix_intervals(matrix: TransitionMatrix) -> list[list[Interval]]:
+    """Return the probabilities of each row with their bounds; none in a row without actions."""
+    lower, upper = matrix.bounds()
+    zipped = zip(matrix.probability, lower, upper, matrix.actions, strict=True)
+    return [
+        [Interval(*map(float, values)) for values in zip(*row, strict=True)] if actions else []
+        for *row, actions in zipped
+    ]
 
 
 def _with_bounds(interval: Interval) -> str:
@@ -211,18 +162,12 @@ def long_run_table(
 
     Parameters
     ----------
-    rows : sequence of tuples of Aspect
-        The aspects of each row: single aspects or symmetry classes; see table_rows.
     long_run : LongRun
-        Its shares and indices refer to the rows.
+        Its shares and indices refer to the rows, as those of lower, upper, drop and after (k,).
     lower, upper : (k,) float
         Bounds of its shares.
     drop : (k,) float
         Probabilities of the rows after a drop.
-    title : str
-        Plain text, shown above the table.
-    confidence : float
-        Of the bounds.
     after : (k,) float, optional
         Shares after one action on dropped parts.
     """
@@ -257,18 +202,8 @@ def actions_table(
 ) -> Table:
     """Return a table that compares the shares in a drop with those of several repeated actions.
 
-    Parameters
-    ----------
-    rows : sequence of tuples of Aspect
-        The aspects of each row: single aspects or symmetry classes; see table_rows.
-    drop : (k,) float
-        Probabilities of the rows after a drop.
-    shares : mapping of str to (k,) float
-        Long-run shares of each action by name.
-    wanted : (k,) bool
-        The wanted rows, whose sum is the last row of the table; none: no such row.
-    title : str
-        Plain text, shown above the table.
+    The last row is the sum of the ``wanted`` rows (k,), if there are any. ``shares`` are the
+    long-run shares (k,) of each action by name.
     """
     table = Table(title, (aspects_heading(rows), 'in a\ndrop', *shares))
     columns = (drop, *shares.values())
@@ -317,16 +252,11 @@ def wanted_table(
 
     Parameters
     ----------
-    rows : sequence of tuples of Aspect
-        See long_run_table.
     wanted : (k,) bool
-        Whether the row is wanted.
     probability : (k,) float
         Probability to reach a wanted row before the part leaves the aspects.
     actions : (k,) float
         Expected number of actions, given that a wanted row is reached; NaN for never.
-    title : str
-        Plain text, shown above the table.
     """
     table = Table(title, ('from', 'reaches a\nwanted\naspect', 'expected\nactions,\nif it does'))
     columns = zip(rows, wanted.tolist(), probability.tolist(), actions.tolist(), strict=True)
@@ -342,15 +272,7 @@ def wanted_table(
 def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Table:
     """Return a table of the best action in each row, and the expected time to a wanted row.
 
-    Parameters
-    ----------
-    rows : sequence of tuples of Aspect
-        See long_run_table.
-    plan : Plan
-    actions : sequence of str
-        Names of the actions of the plan.
-    title : str
-        Plain text, shown above the table.
+    ``actions`` are the names of the actions of the plan.
     """
     headings = (aspects_heading(rows), 'best action', 'expected\ntime (s)')
     table = Table(title, headings, texts={'best action': None})
@@ -446,19 +368,8 @@ def _level_text(curve: RetentionCurve, level: float) -> str:
 def matrix_fields(matrix: TransitionMatrix) -> dict[str, Any]:
     """Return a matrix by aspect, and in ``classes`` by symmetry class, as plain JSON types.
 
-    Parameters
-    ----------
-    matrix : TransitionMatrix
-        By aspect.
-
-    Returns
-    -------
-    dict
-        ``columns``: the ids of the aspects, then the names of the outcomes in no aspect.
-        ``counts``, ``probability``, ``lower`` and ``upper``: a row from each aspect, with a number
-        for each column; the probability is null in a row without actions. ``actions``: the number
-        of actions of each row. ``classes``: the same fields with the numbers of the symmetry
-        classes instead of ids, and ``members``, the ids of the aspects of each class.
+    The keys are described in docs/reference/files.md. The probability is null in a row without
+    actions.
     """
     aspects = matrix.aspects
     members = [[aspect.id for aspect in alike] for alike in aspects.classes()]
@@ -482,23 +393,9 @@ def _fields(matrix: TransitionMatrix, numbers_of_rows: Sequence[int]) -> dict[st
 def long_run_fields(
     long_run: LongRun, lower: Array, upper: Array, aspects: AspectSet
 ) -> dict[str, object]:
-    """Return the shares that repeated actions lead to, as plain JSON types.
+    """Return the shares (k,) that repeated actions lead to, with their bounds, as JSON types.
 
-    Parameters
-    ----------
-    long_run : LongRun
-        By aspect.
-    lower, upper : (k,) float
-        Bounds of its shares.
-
-    Returns
-    -------
-    dict
-        ``long_run``, ``long_run_lower`` and ``long_run_upper`` by aspect id. ``closed_classes``:
-        for each closed class the ids of its ``aspects``, its ``weight``, which is the probability
-        to end in it, and the ``shares`` of all aspects within it. ``transient`` and
-        ``unreachable``: the ids of aspects in no closed class, and of aspects to which no dropped
-        part and no action leads.
+    The keys are described in docs/reference/files.md.
     """
     ids = [aspect.id for aspect in aspects]
     closed = zip(long_run.closed, long_run.weights.tolist(), long_run.stationary, strict=True)
@@ -516,17 +413,7 @@ def long_run_fields(
 
 
 def retention_fields(curve: RetentionCurve) -> dict[str, object]:
-    """Return a retention curve as plain JSON types.
-
-    Returns
-    -------
-    dict
-        ``aspect``: its id. ``barrier``: m, null without another aspect. ``lift``: lift heights, m,
-        ascending, and for each of them ``left``, the number of parts that left the aspect, of
-        ``parts`` that were disturbed, and the ``probability`` with its bounds ``lower`` and
-        ``upper``. ``levels``: for each of the probabilities 0.01, 0.1 and 0.5 the ``lift`` height
-        at which it is first reached, and its bounds; null where it is not reached.
-    """
+    """Return a retention curve as plain JSON types; see docs/reference/files.md. Lengths in m."""
     lower, upper = curve.bounds()
     levels = []
     for level in LEVELS:
