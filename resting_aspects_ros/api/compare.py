@@ -87,7 +87,7 @@ class ComparisonResult(Result):
         down = a.down if a.down is not None else b.down
         what: Literal['aspect', 'class'] = 'class' if a.by_class else 'aspect'
         models = a.model, b.model
-        return ComparedResults(a.ids, down, a.tally, b.tally, what, a.names, models=models)
+        return ComparedResults(a.ids, a.names, down, a.tally, b.tally, what, models=models)
 
     @property
     def range_texts(self) -> list[str]:

@@ -139,11 +139,11 @@ def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, 
     classes = result.distribution.aspects.classes()
     sides = ComparedResults(
         tuple(members[0].symmetry_class for members in classes),
+        tuple(map(ids_text, classes)),
         None,
         counted,
         tally,
         'class',
-        tuple(map(ids_text, classes)),
         ('simulated', printable(Path(against.source).name)),
         (own.model, against.model),
     )

@@ -322,7 +322,7 @@ def comparison_items(
     confidence = f'{100 * comparison.confidence:g}'
     first, second = sides.labels
     if sides.what == 'class':
-        rows = [replace(row, name=f'class {sides.name(k)}') for k, row in enumerate(rows)]
+        rows = [replace(row, name=f'class {sides.names[k]}') for k, row in enumerate(rows)]
     labelled = [
         (f'{label}, {tally.counts.sum()} of {tally.drops} drops in an aspect', shares)
         for label, tally, shares in zip(
