@@ -16,7 +16,6 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import (
     NamedForecast,
     controlled_fields,
-    curve_table,
     forecast_fields,
     forecast_figure,
     forecast_note,
@@ -29,7 +28,6 @@ from resting_aspects_ros.report.forecast import (
 from resting_aspects_ros.report.format import ids_text, numbers_text
 from resting_aspects_ros.report.page import (
     Chart,
-    Fold,
     Item,
     Page,
     Section,
@@ -306,10 +304,6 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
         f'confidence. The parts of a single run of {forecasts[0].forecast.minutes:g} minutes vary '
         'more.'
     )
-    folded: list[Item] = []
-    for each in forecasts:
-        folded += [*([Text(each.title, 'part')] if several else []), curve_table(each)]
-    yield Fold('all numbers of parts', folded)
 
 
 def _mix_items(results: Sequence[ForecastResult]) -> Iterator[Item]:

@@ -63,7 +63,6 @@ from resting_aspects_ros.report.transitions import (
     long_run_table,
     long_run_text,
     plan_table,
-    retention_counts_table,
     retention_table,
     suffix_of,
     table_rows,
@@ -490,7 +489,6 @@ def retention_page(result: 'RetentionResult') -> Page:
             'The lift heights at which 1, 10 and 50 % of the parts have left the aspect, with '
             f'{100 * curves[0].confidence:g} % intervals.'
         ),
-        Fold('all lift heights', [retention_counts_table(curves, '')]),
     ]
     return Page(
         file=RETENTION_PAGE,

@@ -40,19 +40,8 @@ def outlines_document(
 ) -> dict[str, object]:
     """Return the outlines of a part as a document of plain JSON types. Nothing is rounded.
 
-    Parameters
-    ----------
-    part : Part
-    outlines : sequence of Outline
-    look_alikes : mapping of int to sequence of LookAlike
-        By symmetry class, from `core.vision.matching.look_alikes`.
-
-    Returns
-    -------
-    dict
-        ``schema_version``, name and hashes of the part, and ``outlines`` by symmetry class:
-        lengths in m, areas in m2, angles in rad, coordinates in the axes of the tray with the
-        origin below the centre of mass.
+    By symmetry class: lengths in m, areas in m2, angles in rad, coordinates in the axes of the
+    tray with the origin below the centre of mass. docs/reference/files.md describes the keys.
     """
     return {
         'schema_version': SCHEMA_VERSION,
@@ -455,7 +444,7 @@ def described_image(image: OutlineImage) -> Described:
     COCO polygons cannot have holes: a class without holes has a polygon, and a class with holes an
     uncompressed run-length encoding of its mask.
     """
-    number = image.symmetry_class
+    number, polygon = image.symmetry_class, image.polygon
     height, width = image.covered.shape
     entry = {
         'id': number,
@@ -466,7 +455,29 @@ def described_image(image: OutlineImage) -> Described:
         'px_per_mm': image.scale / MM,
         'origin': image.origin.tolist(),
     }
-    return entry, _annotation(image)
+    left, top, right, bottom = polygon.bounds
+    outer, *holes = rings(polygon)
+    annotation = {
+        'id': number,
+        'image_id': number,
+        'category_id': number,
+        'iscrowd': 0,
+        'segmentation': _runs(image.mask) if holes else [outer.ravel().tolist()],
+        'area': float(np.count_nonzero(image.mask)) if holes else polygon.area,
+        'bbox': [left, top, right - left, bottom - top],
+    }
+    return entry, annotation
+
+
+def _runs(mask: Bytes) -> dict[str, object]:
+    """Return the run-length encoding of a mask.
+
+    These are the lengths of alternating runs, column by column, beginning with zeros.
+    """
+    flat = np.concatenate([[0], (mask > 0).T.ravel().astype(np.int8)])
+    starts = np.flatnonzero(np.diff(flat))
+    counts = np.diff(np.concatenate([[0], starts, [mask.size]]))
+    return {'size': list(mask.shape), 'counts': counts.tolist()}
 
 
 def template_name(symmetry_class: int) -> str:
@@ -477,30 +488,3 @@ def template_name(symmetry_class: int) -> str:
 def mask_name(symmetry_class: int) -> str:
     """Return the name of the mask of a class."""
     return f'class_{symmetry_class}_mask.png'
-
-
-def _annotation(image: OutlineImage) -> dict[str, object]:
-    left, top, right, bottom = image.polygon.bounds
-    area, segmentation = image.polygon.area, _segmentation(image)
-    if image.polygon.interiors:
-        area = float(np.count_nonzero(image.mask))
-    return {
-        'id': image.symmetry_class,
-        'image_id': image.symmetry_class,
-        'category_id': image.symmetry_class,
-        'iscrowd': 0,
-        'segmentation': segmentation,
-        'area': area,
-        'bbox': [left, top, right - left, bottom - top],
-    }
-
-
-def _segmentation(image: OutlineImage) -> object:
-    if not image.polygon.interiors:
-        (ring,) = rings(image.polygon)
-        return [ring.ravel().tolist()]
-    # Lengths of alternating runs, column by column, beginning with a run of zeros.
-    flat = np.concatenate([[0], (image.mask > 0).T.ravel().astype(np.int8)])
-    starts = np.flatnonzero(np.diff(flat))
-    counts = np.diff(np.concatenate([[0], starts, [image.mask.size]]))
-    return {'size': list(image.mask.shape), 'counts': counts.tolist()}

@@ -333,25 +333,6 @@ def retention_table(curves: Sequence[RetentionCurve], title: str, gravity: float
     return table
 
 
-def retention_counts_table(curves: Sequence[RetentionCurve], title: str) -> Table:
-    """Return a table of how many parts left each aspect at each lift height."""
-    headings = ['lift\nheight\n(mm)', 'parts', 'left', 'probability', 'interval']
-    table = Table(title, ('aspect', *headings))
-    for curve in curves:
-        columns = (curve.lift, curve.parts, curve.left, curve.probability, *curve.bounds())
-        for lift, parts, left, *values in zip(*(each.tolist() for each in columns), strict=True):
-            chance = Interval(*values)
-            table.add_row(
-                str(curve.aspect),
-                millimetres_text(lift),
-                str(parts),
-                str(left),
-                probability_text(chance),
-                interval_text(chance),
-            )
-    return table
-
-
 def _level_text(curve: RetentionCurve, level: float) -> str:
     """Return the lift height at which a share of the parts leaves, and below it the interval."""
     lift = curve.lift_at(level)
