@@ -96,7 +96,7 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
         f'{first} - {second}\n(%)',
         f'{percent}\nsimultaneous',
     )
-    table = Table(title, headings, texts={headings[1]: None})
+    table = Table(title, headings, texts={headings[1]})
     rows = zip(*sides.shares(comparison.confidence), *sides.ranges(), strict=True)
     texts = _difference_texts(comparison, sides)
     for k, ((a, b, *ranges), (difference, bounds, decimals)) in enumerate(
@@ -297,7 +297,7 @@ def cluster_table(distribution: Distribution, clusters: Clusters, title: str) ->
     """
     percent = f'{100 * CONFIDENCE:g} % interval'
     headings = ('cluster', DOWN, 'spread\n(degrees)', 'share', percent, 'count')
-    table = Table(title, headings, texts={DOWN: None})
+    table = Table(title, headings, texts={DOWN})
     drops = distribution.drops
     shown = clusters.counts[:MAX_ROWS]
     for k, interval in enumerate(cluster_intervals(distribution, shown)):
@@ -322,7 +322,7 @@ def agreement_table(
     """Return a table of the aspects, each beside the cluster with most of its poses."""
     percent = f'{100 * CONFIDENCE:g} % interval'
     headings = ('aspect', DOWN, 'share', percent, 'count', 'cluster:\nits count')
-    table = Table(title, headings, texts={DOWN: None})
+    table = Table(title, headings, texts={DOWN})
     drops = distribution.drops
     rows = zip(
         distribution.aspects,

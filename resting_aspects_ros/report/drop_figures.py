@@ -32,7 +32,6 @@ from resting_aspects_ros.report.format import (
     class_rows,
     interval_of,
     interval_text,
-    millimetre_texts,
     model_range,
     outside_rows,
     probability_text,
@@ -70,14 +69,8 @@ def convergence_figure(
 ) -> 'Figure':
     """Plot the share of each row against the number of drops, with its interval as a band.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        If there are more than MAX_LINES, those with the most drops are shown.
-    drops : (m,) int
-        Numbers of drops, ascending.
-    bands : sequence of sequence of Interval
-        The interval of each row, after each number of drops.
+    Of more than MAX_LINES rows, those with the most drops are shown. ``bands`` are the intervals
+    of each row after each of the ``drops``, (m,), ascending.
     """
     figure = new_figure(width, 3.6)
     shown = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MAX_LINES])
@@ -113,10 +106,7 @@ def estimates_figure(
 ) -> 'Figure':
     """Plot the prediction of each method for each row, over the interval of the drops as a bar.
 
-    Parameters
-    ----------
-    estimates : mapping
-        (rows,) probabilities, by the method's name.
+    ``estimates`` are the probabilities (rows,), by the method's name.
     """
     columns = int(width / 1.7)  # of the legend
     lines = -(-len(estimates) // columns)
@@ -261,11 +251,7 @@ SIDE, DISTANCE = 0.6, 1.42
 def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     """Draw the shares of all drops as slices, clockwise from the top, with pictures beside them.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-    images : sequence of (p, p, 4) float or None
-        The picture of each row. Only the MAX_PICTURES largest slices have their picture.
+    ``images`` are the pictures of the rows; only the MAX_PICTURES largest slices have theirs.
     """
     figure = new_figure(WIDTH, HEIGHT)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -382,16 +368,16 @@ def distribution_figure(
     middles = [
         BOTTOM + room - end + each / 2 for end, each in zip(np.cumsum(sides), sides, strict=True)
     ]
-    left = MARGIN + (side if part else 0)
+    left = MARGIN + LABEL
     if part:
+        left += side
         for middle, image in zip(middles, _images(part, rows, side), strict=False):
             draw_image(canvas, image, MARGIN + side / 2, middle)
-    for row, note, middle in zip(rows, _notes(rows), middles, strict=True):
-        _write_label(canvas, row.name, note, left + LABEL - BESIDE_LABEL, middle)
-    width = BARS_WIDTH - MARGIN - left - LABEL
-    axes = figure.add_axes(
-        ((left + LABEL) / BARS_WIDTH, BOTTOM / height, width / BARS_WIDTH, room / height)
-    )
+    for row, middle in zip(rows, middles, strict=True):
+        style: dict[str, Any] = {'ha': 'right', 'va': 'center', 'weight': 'bold'}
+        canvas.text(left - BESIDE_LABEL, middle, row.name, size=10, color=TEXT, **style)
+    width = BARS_WIDTH - MARGIN - left
+    axes = figure.add_axes((left / BARS_WIDTH, BOTTOM / height, width / BARS_WIDTH, room / height))
     _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution)
     axes.set_ylim(0, room)
     return figure
@@ -409,34 +395,10 @@ def _rows(distribution: Distribution) -> list[Row]:
     return [*kept, *outside_rows(distribution)]
 
 
-def _notes(rows: Sequence[Row]) -> list[str]:
-    """Return the note below the name of each row."""
-    heights = millimetre_texts(
-        np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
-    )
-    return [
-        f'{"that look the same" + chr(10) if len(row.aspects) > 1 else ""}'
-        f'centre of mass\n{height} mm high'
-        if row.aspects
-        else ''
-        for row, height in zip(rows, heights, strict=True)
-    ]
-
-
 def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
     shown = [row for row in rows if row.aspects]
     posed_parts = pose_parts(part, [row.aspects[0] for row in shown])
     return draw_parts(posed_parts, [rgb(row.colour) for row in shown], side)
-
-
-def _write_label(canvas: 'Axes', name: str, note: str, x: float, y: float) -> None:
-    """Write the name and below it the note, left of ``x`` and centred at ``y``."""
-    lines = note.count('\n') + 1 if note else 0
-    y += 7 * max(lines - 1, 0)
-    beside: dict[str, Any] = {'ha': 'right', 'va': 'bottom' if note else 'center'}
-    canvas.text(x, y + 2 * bool(note), name, size=10, weight='bold', color=TEXT, **beside)
-    style: dict[str, Any] = {'ha': 'right', 'va': 'top', 'linespacing': 1.35}
-    canvas.text(x, y - 4, note, size=7.5, color=FAINT, **style)
 
 
 def _draw_bars(

@@ -65,7 +65,6 @@ from resting_aspects_ros.report.page import (
 from resting_aspects_ros.report.picture import (
     FROM_ABOVE,
     OBLIQUE,
-    Image,
     PosedPart,
     downsample,
     draw_parts,
@@ -91,7 +90,6 @@ FILES = file_names(PAGE, FIGURES)
 # Side of a picture in a row, twice its size on the page for high-resolution screens, smaller on
 # pages with many rows (see page.css); and side of a picture beside a bar.
 PIXELS, PIXELS_OF_MANY_ROWS, SMALL_PIXELS = 320, 192, 64
-MAX_PICTURED_ROWS = 60  # of more rows, those with the most drops have pictures
 
 CONVERGENCE = 'Convergence of the probabilities'
 ASPECTS = (
@@ -149,19 +147,14 @@ def drop_page(
 
     Parameters
     ----------
-    distribution : Distribution
     part : Part or None
         Without the part, the page has no pictures and no 3D view.
     title, subtitle : str
         Name of the part, and what was dropped.
-    notes, facts
-        See Page.
     history : ((m,) int, (m, k) int), optional
         Numbers of drops, ascending, and the counts of the k aspects after each of them.
-    estimates : mapping, optional
-        (k,) probabilities of the aspects by method.
-    not_defined : mapping, optional
-        By method, why it is not defined for the part.
+    estimates, not_defined : mapping, optional
+        (k,) probabilities of the aspects by method, or why it is not defined for the part.
     measured : (Comparison, ComparedResults), optional
         The counts by class with which the drops are compared.
     range_text : str
@@ -178,17 +171,20 @@ def drop_page(
     shown = outcome_rows(distribution, drawn, part, level=level_floor, longest=longest)
     drops, confidence = distribution.drops, f'{100 * distribution.confidence:g}'
     spread = f'{confidence} % intervals ({distribution.interval.capitalize()})'
-    sections = [
-        _aspect_section(
-            shown, drops, spread, view=drawn.has_view, level=level_floor, range_text=range_text
-        )
+    aspects: list[Item] = [
+        ASPECTS.format(drops=drops, spread=spread),
+        *([range_text] if range_text else []),
+        *([] if level_floor else [NOT_LEVEL]),
+        OutcomeRows(shown, drops, drawn.has_view),
+        *([] if shown else ['The part has no aspects, and no drops were made.']),
     ]
+    sections = [Section('Aspects', 'aspects', aspects)]
     if contacts is not None and contacts.rows:
         texts: list[Item] = [CONTACTS.format(drops=drops), contacts]
         sections.append(Section('Contacts in the surroundings', 'contacts', texts))
     if measured is not None:
-        items = list(comparison_items(drawn.rows, *measured))
-        sections.append(Section('Measured and simulated', 'comparison', items))
+        compared = list(comparison_items(drawn.rows, *measured))
+        sections.append(Section('Measured and simulated', 'comparison', compared))
     if history is None and drops > 1:
         sections.append(Section(CONVERGENCE, 'convergence', [NO_HISTORY]))
     elif history is not None and len(history[0]) > 1 and drawn.rows:
@@ -219,7 +215,7 @@ def drop_page(
 
 
 class DrawnRows:
-    """The rows of a distribution, and the pictures of the part in them.
+    """The rows of a distribution, and the pictures of the part in them; none without a part.
 
     pixels : int
         Side of a picture; by default that of the page of the distribution.
@@ -231,31 +227,23 @@ class DrawnRows:
         self.part = part and picture_part(part)
         aspects = [row.aspects[0] for row in self.rows]
         self.posed_parts = pose_parts(self.part, aspects) if self.part else []
-        order = sorted(range(len(self.posed_parts)), key=lambda k: -self.rows[k].count)
-        self.pictured = sorted(order[:MAX_PICTURED_ROWS])
         pixels = pixels or (PIXELS if len(self.rows) <= MANY_ROWS else PIXELS_OF_MANY_ROWS)
-        self.oblique = self._images(OBLIQUE, pixels)
-        self.above = self._images(FROM_ABOVE, pixels)
+        colours = [rgb(row.colour) for row in self.rows][: len(self.posed_parts)]
+        self.oblique = draw_parts(self.posed_parts, colours, pixels, OBLIQUE)
+        self.above = draw_parts(self.posed_parts, colours, pixels, FROM_ABOVE)
 
     @property
     def has_view(self) -> bool:
         """Whether there is a 3D view."""
-        return self.part is not None and bool(self.rows)
+        return bool(self.posed_parts)
 
     def pictures(self, k: int) -> list[str]:
         """Return the oblique, top and small picture of a row as data URIs; empty without one."""
-        if k not in self.oblique:
+        if k >= len(self.oblique):
             return ['', '', '']
         oblique = self.oblique[k]
         small = downsample(oblique, len(oblique) // SMALL_PIXELS)
         return [picture_uri(image) for image in (oblique, self.above[k], small)]
-
-    def _images(self, view: Array, pixels: int) -> dict[int, Image]:
-        """Return the pictures by row index."""
-        posed_parts = [self.posed_parts[k] for k in self.pictured]
-        colours = [rgb(self.rows[k].colour) for k in self.pictured]
-        images = draw_parts(posed_parts, colours, pixels, view)
-        return dict(zip(self.pictured, images, strict=True))
 
 
 def _top(
@@ -266,7 +254,7 @@ def _top(
     spread: str,
 ) -> Iterator[Item]:
     """Yield the 3D view, if there is one, and the shares of all outcomes."""
-    if drawn.part is not None and drawn.rows:
+    if drawn.part is not None and drawn.has_view:
         hint = ''
         if part is not None and len(drawn.part.faces) < len(part.faces):
             hint = (
@@ -276,7 +264,7 @@ def _top(
         data = scene(drawn.part, drawn.rows, drawn.posed_parts)
         yield View(data, shown[0].oblique, shown[0].name, shown[0].probability, hint)
     rows = [*drawn.rows, *drawn.outside]
-    images = [drawn.oblique.get(k) for k in range(len(rows))]
+    images = [*drawn.oblique, *[None] * (len(rows) - len(drawn.oblique))]
     bars = largest_rows(shown)
     caption = f'Share of each outcome in all {distribution.drops} drops, with {spread}.'
     if distribution.model is not None:
@@ -293,26 +281,6 @@ def _chart(name: str, draw: Any, caption: str) -> Chart:
     """Return a chart with a drawing of its own for a narrow screen."""
     wide = partial(draw, width=WIDE)
     return Chart(name, _LABELS[name], wide, caption, wide, partial(draw, width=NARROW))
-
-
-def _aspect_section(
-    shown: Sequence[OutcomeRow],
-    drops: int,
-    spread: str,
-    *,
-    view: bool,
-    level: bool,
-    range_text: str,
-) -> Section:
-    items: list[Item] = [ASPECTS.format(drops=drops, spread=spread)]
-    if range_text:
-        items.append(range_text)
-    if not level:
-        items.append(NOT_LEVEL)
-    items.append(OutcomeRows(shown, drops, view))
-    if not shown:
-        items.append('The part has no aspects, and no drops were made.')
-    return Section('Aspects', 'aspects', items)
 
 
 def comparison_items(
@@ -377,14 +345,9 @@ def _estimate_section(
 def outcome_rows(
     distribution: Distribution, drawn: DrawnRows, part: Part | None, *, level: bool, longest: float
 ) -> list[OutcomeRow]:
-    """Return the texts and pictures of each row.
+    """Return the texts and pictures of each row; a bar has the full width at ``longest``.
 
-    Parameters
-    ----------
-    level : bool
-        Whether the parts lie on a level plane. If not, the facts that are true there say so.
-    longest : float
-        The share at which a bar has the full width.
+    If the parts do not lie on a level plane, the facts that are true there say so.
     """
     rows = [*drawn.rows, *drawn.outside]
     heights = millimetre_texts(
@@ -432,7 +395,7 @@ def _members(distribution: Distribution, row: Row) -> Table:
     headings = ['aspect', DOWN, 'count', 'probability', 'interval']
     if ranged:
         headings.append('model range')
-    table = Table('', headings, texts={DOWN: None})
+    table = Table('', headings, texts={DOWN})
     intervals, ranges = distribution.intervals(), distribution.model_intervals()
     for aspect in row.aspects:
         k = aspect.id - 1
@@ -508,22 +471,10 @@ def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
 def scene(part: Part, rows: Sequence[Row], posed_parts: Sequence[PosedPart]) -> dict[str, object]:
     """Return the data of the 3D view as plain types for JSON; lengths are in hull radii.
 
-    Parameters
-    ----------
-    part : Part
-        The part, simplified if it has too many triangles.
-    rows : sequence of Row
-        The rows with aspects.
-    posed_parts : sequence of PosedPart
-        The part in the first aspect of each row.
-
-    Returns
-    -------
-    dict
-        ``points``, relative to the centre of mass, and ``faces``: little-endian float32 and uint32
-        in base64. ``rows``:
-        ``quaternion`` xyzw, tray from part; ``height`` of the centre of mass; ``colour``;
-        ``name``.
+    ``posed_parts`` are the part, simplified if it has too many triangles, in the first aspect of
+    each row. The points are relative to the centre of mass; points and faces are little-endian
+    float32 and uint32 in base64. Of each row: the quaternion xyzw, tray from part, and the height
+    of the centre of mass.
     """
     points = (part.vertices - part.centre_of_mass) / part.hull_radius
     return {
@@ -536,16 +487,11 @@ def scene(part: Part, rows: Sequence[Row], posed_parts: Sequence[PosedPart]) -> 
                 'quaternion': each.orientation.tolist(),
                 # Computed from the mesh, which must touch the tray: the height of the aspect is
                 # that of a smooth curved side.
-                'height': -_lowest(part, each) / part.hull_radius,
+                'height': -float(rotate(each.orientation, points)[:, 2].min()),
             }
             for row, each in zip(rows, posed_parts, strict=True)
         ],
     }
-
-
-def _lowest(part: Part, posed: PosedPart) -> float:
-    """Return the height of the lowest point relative to the centre of mass, m."""
-    return float(rotate(posed.orientation, part.vertices - part.centre_of_mass)[:, 2].min())
 
 
 def _base64(array: npt.NDArray[np.generic]) -> str:

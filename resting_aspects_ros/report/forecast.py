@@ -141,7 +141,7 @@ def forecast_table(forecasts: Sequence[NamedForecast]) -> Table:
     headings = [textwrap.fill(each.title, _HEADING_WIDTH) for each in forecasts]
     best = all(each.forecast.number == each.forecast.best_number for each in forecasts)
     first = 'with the best number of parts' if best else ''
-    table = Table('', (first, *headings), texts={first: None})
+    table = Table('', (first, *headings), texts={first})
     columns = [dict(_cells(each)) for each in forecasts]
     for name in columns[0]:
         table.add_row(name, *(column[name] for column in columns))

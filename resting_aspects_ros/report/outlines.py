@@ -116,7 +116,7 @@ def outline_table(
         'yaw\nsymmetry',
         'looks like',
     )
-    table = Table(title, headings, texts={'looks like': 22})
+    table = Table(title, headings, texts={'looks like'}, wrapped='looks like')
     sizes = [[each.length, each.width, each.height] for each in outlines]
     texts = iter(millimetre_texts(np.ravel(sizes)))
     for each in outlines:
@@ -143,7 +143,7 @@ def pair_table(outlines: Sequence[Outline], look_alikes: LookAlikes, title: str)
         if each.symmetry_class < other.symmetry_class
     ]
     headings = ('classes', 'outlines', 'resolution that separates them')
-    table = Table(title, headings, texts={'outlines': None})
+    table = Table(title, headings, texts={'outlines'})
     for number, other in sorted(pairs, key=lambda pair: _order(pair[1])):
         distance = f'{millimetres_text(other.resolution)} mm'
         separates = distance if other.verdict == 'distinct' else NOTHING

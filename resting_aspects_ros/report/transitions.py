@@ -88,7 +88,7 @@ def _list_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Table:
     rows, matrix, columns = _arranged(matrix, by_class)
     names = [*map(ids_text, rows), *OUTCOMES]
     caption = f'Probabilities of at most {100 * MIN_LISTED:g} % are summed as others.'
-    table = Table(title, ('from', 'to', 'actions'), texts={'to': None}, caption=caption)
+    table = Table(title, ('from', 'to', 'actions'), texts={'to'}, caption=caption)
     found = matrix_intervals(matrix)
     for name, of_row, actions in zip(names, found, matrix.actions.tolist(), strict=False):
         order = sorted(columns, key=lambda c, row=of_row: -row[c].probability) if of_row else []
@@ -275,7 +275,7 @@ def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Ta
     ``actions`` are the names of the actions of the plan.
     """
     headings = (aspects_heading(rows), 'best action', 'expected\ntime (s)')
-    table = Table(title, headings, texts={'best action': None})
+    table = Table(title, headings, texts={'best action'})
     for row, action, time in zip(rows, plan.action.tolist(), plan.time.tolist(), strict=True):
         if time == 0:
             cells = WANTED, '0'

@@ -425,7 +425,7 @@ def comparison_items(
         )
         return
     headings = (first.name, f'{second.name} ', first.name, second.name, 'difference')
-    table = Table('', headings, texts={headings[1]: None})
+    table = Table('', headings, texts={headings[1]})
     for k, each in enumerate(found.shared):
         one, other = each.first - 1, each.second - 1
         difference = 100 * shown_difference(each.second_share, each.first_share, 1)
@@ -546,7 +546,7 @@ def batch_table(batch: 'BatchResult') -> Table:
     """Return a table of the most probable classes of each part."""
     interval = f'{100 * batch.confidence:g} % interval'
     headings = ('part', 'aspects', 'proba-\nbility', interval, MODEL_RANGE)
-    table = Table('', headings, texts={'part': None})
+    table = Table('', headings, texts={'part'})
     for entry in batch.entries:
         if entry.result is not None:
             found = entry.result.distribution
