@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -55,9 +55,6 @@ from resting_aspects_ros.statistics.intervals import (
     check_confidence,
 )
 from resting_aspects_ros.statistics.transitions import TransitionMatrix, no_actions
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Seed of the random tables of a p value, so that equal inputs give equal results.
 SEED = 1
@@ -309,13 +306,6 @@ class DriftResult(Result):
             'shift': self.shift,
             'parts_needed': self.needed,
         }
-
-    def figure(self) -> 'Figure':
-        """Return the shares in each window."""
-        # This import takes about a second.
-        from resting_aspects_ros.report.drift import drift_figure
-
-        return drift_figure(self.test)
 
 
 def watch_drift(

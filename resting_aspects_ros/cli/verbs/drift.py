@@ -46,7 +46,7 @@ EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv --shift 10% --json
 """
 DEFAULT_DROPS = 10_000
-DOCUMENT, PICTURE = 'drift.json', 'drift.png'
+DOCUMENT = 'drift.json'
 # Flags of the simulation, which --expected replaces.
 SIMULATION = (
     'drops',
@@ -109,7 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_confidence(parser)
     add_workers(parser)
-    add_out(parser, 'write drift.json and drift.png into this folder')
+    add_out(parser, 'write drift.json into this folder')
     add_output(parser, each=False)
     add_conditions(parser)
 
@@ -144,11 +144,11 @@ def run(arguments: argparse.Namespace) -> int:
     }
     for name in checks.keys() & options.keys():
         checks[name](options[name])
-    out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
+    out = result_folder(arguments, part.name, (DOCUMENT,))
     result = watch_drift(_expected(arguments, part), observed, **options)
     document = DOCUMENT, result.to_json
     show = partial(_show, result, part, aspects)
-    finish(arguments, out, document, {PICTURE: result.save_picture}, show)
+    finish(arguments, out, document, {}, show)
     return DONE
 
 
