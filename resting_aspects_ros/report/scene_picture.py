@@ -65,14 +65,8 @@ def contact_image(
 ) -> Image:
     """Return a picture (pixels, pixels, 4) of a part that touches planes.
 
-    Parameters
-    ----------
-    orientation : (4,) float
-        Unit quaternion xyzw, tray from part.
-    contacts : sequence of int
-        What touches each plane; see `core.aspects.contacts`. Planes without contact are not drawn.
-    colour : (3,) float
-        Of the part.
+    ``orientation`` is a unit quaternion xyzw, tray from part. ``contacts`` are what touches each
+    plane, see aspects/support.py; planes without contact are not drawn.
     """
     touched = [k for k, code in enumerate(contacts) if code != NONE]
     radius = part.hull_radius
@@ -237,18 +231,10 @@ def save_tray_picture(
     reason: str,
     pickable: Sequence[int],
 ) -> None:
-    """Write a PNG file with the image of a tray, the outlines of parts, and the advice.
+    """Write a PNG file with the image of a tray (height, width), outlines of parts, and advice.
 
-    Parameters
-    ----------
-    image : (height, width) uint8
-    parts : sequence of DrawnPart
-    outlines : sequence of Outline
-        Of all classes.
-    title, reason : str
-        The advice in a few words, and its reason.
-    pickable : sequence of int
-        Numbers of the pickable classes.
+    ``outlines`` are those of all classes, and ``pickable`` the numbers of the pickable ones.
+    ``title`` and ``reason`` are the advice in a few words, and its reason.
     """
     width, height = camera.size
     size = WIDTH - 2 * MARGIN
