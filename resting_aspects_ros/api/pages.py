@@ -369,7 +369,6 @@ def reorientation_page(
             **dict(zip(runs, map(_action_run_facts, results), strict=True)),
         },
         notes=warning_notes(first.part),
-        contents=len(results) > 1,
         names=reorientation_file_names(names),
     )
 

@@ -74,14 +74,8 @@ def svg_text(figure: 'Figure') -> str:
 def inline_svg(svg: str, name: str, label: str) -> str:
     """Return an SVG file as an element of a page, in the colours of the page.
 
-    Parameters
-    ----------
-    svg : str
-        Text from svg_text.
-    name : str
-        Prefix of the ids, unique for each figure of the page; letters and '-'.
-    label : str
-        Alternative text of the figure for screen readers; without XML special characters.
+    ``name`` is the prefix of the ids, unique for each figure of the page: letters and '-'.
+    ``label`` is the alternative text for screen readers, without XML special characters.
     """
     svg = svg[svg.index('<svg') :]
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
@@ -122,17 +116,9 @@ def labels_apart(values: Array, gap: float, low: float = 0.0, high: float = np.i
 class RowAxes:
     """A figure with a named horizontal band for each row, from top to bottom.
 
-    The names are left of the bands, or in a narrow figure in a line above each band.
-
-    Parameters
-    ----------
-    inches : float
-        Height of a band.
-    below : float
-        Height of the space below all bands, inches.
-
-    places : (rows,) float
-        Centre of each band on the vertical axis.
+    The names are left of the bands, or in a narrow figure in a line above each band. A band has
+    the height ``inches``, and ``below`` is the space below all bands, inches. ``places`` are the
+    centres of the bands on the vertical axis.
     """
 
     def __init__(self, rows: Sequence[Row], inches: float, width: float, below: float) -> None:

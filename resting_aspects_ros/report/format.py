@@ -19,11 +19,7 @@ from resting_aspects_ros.statistics.intervals import Interval
 
 
 def interval_of(distribution: Distribution, count: int) -> Interval:
-    """Return the probability and its interval of an outcome that ``count`` drops had.
-
-    It serves outcomes that are not a single aspect: unclassified drops, or several aspects
-    together.
-    """
+    """Return the probability of an outcome that ``count`` drops had, such as several aspects."""
     rest = distribution.drops - count
     return with_counts(distribution, np.array([count, rest])).intervals()[0]
 
@@ -198,15 +194,8 @@ _MAX_LISTED = 4
 class Row:
     """One row of a report: the drops of one symmetry class, or of one outcome in no aspect.
 
-    name : str
-        'aspect 3', 'aspects 1 and 2', 'unclassified'.
-    colour : str
-        '#RRGGBB'.
-    aspects : tuple of Aspect
-        The aspects of one symmetry class, which look the same; empty if the drops are in no
-        aspect.
-    model : Interval or None
-        The model range, if it is known.
+    The name is such as 'aspects 1 and 2' or 'unclassified'. The aspects are those of the class,
+    which look the same; none if the drops are in no aspect. ``model`` is the model range.
     """
 
     name: str

@@ -356,7 +356,6 @@ class OutlineImage:
     Image coordinates are in pixels, x to the right and y down, and (0, 0) is the outer corner of
     the upper left pixel, whose centre is at (0.5, 0.5).
 
-    symmetry_class : int
     scale : float
         px/m.
     origin : (2,) float

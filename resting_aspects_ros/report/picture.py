@@ -48,7 +48,7 @@ class Rendering:
 
 
 def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
-    """Find the nearest triangle in each pixel of a square picture.
+    """Find the nearest triangle in each pixel of a square picture with ``size`` rows.
 
     Parameters
     ----------
@@ -57,8 +57,6 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
         column) is at (column + 0.5, row + 0.5).
     faces : (m, 3) int
         Counter-clockwise as seen from outside; triangles that face away are invisible.
-    size : int
-        Rows and columns of the picture.
     """
     corners = points[faces]
     normal = face_normals(corners)
@@ -85,11 +83,7 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
 def edges(seen: Rendering, normals: Array) -> Mask:
     """Return the (size, size) mask of pixels on edges: outlines, steps in depth, and creases.
 
-    Parameters
-    ----------
-    seen : Rendering
-    normals : (m, 3) float
-        Unit normals of the triangles, any frame.
+    ``normals`` are the unit normals (m, 3) of the triangles, any frame.
     """
     size = len(seen.face)
     marked = np.zeros(size * size, dtype=bool)
@@ -152,12 +146,7 @@ def coarse_mesh(vertices: Array, faces: Indices, max_faces: int) -> tuple[Array,
 
     Vertices in one cell of a cubic grid are merged into their mean (clustering: Rossignac, Borrel
     1993). The cells are enlarged until there are at most ``max_faces``, or until the grid has
-    MIN_CELLS along the longest side.
-
-    Parameters
-    ----------
-    vertices : (n, 3) float
-    faces : (m, 3) int
+    MIN_CELLS along the longest side. Shapes: (n, 3) and (m, 3).
     """
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0).max()
     cells = max(round(max_faces**0.5), MIN_CELLS)
@@ -222,15 +211,8 @@ SOFT = 7  # half width of the blur of the shadow, rendered pixels
 class PosedPart:
     """A part on the surface z = 0, in the pose that shows an aspect; tray frame.
 
-    points : (n, 3) float
-        m.
-    faces : (m, 3) int
-    normals : (m, 3) float
-        Unit vectors.
-    areas : (m,) float
-        m2.
-    orientation : (4,) float
-        Unit quaternion xyzw, tray from part.
+    Points (n, 3), m; unit normals (m, 3) and areas (m,), m2, of the faces (m, 3); orientation: a
+    unit quaternion xyzw, tray from part.
     """
 
     points: Array
@@ -258,20 +240,9 @@ def draw_parts(
 ) -> list[Image]:
     """Draw parts on the surface, all from the same viewpoint and at the same scale.
 
-    Parameters
-    ----------
-    posed_parts : sequence of PosedPart
-    colours : sequence of (r, g, b)
-        The colour of each part, from 0 to 1.
-    pixels : int
-        Rows and columns of each picture.
-    view : (3, 3) float
-        OBLIQUE or FROM_ABOVE.
-
-    Returns
-    -------
-    list of (pixels, pixels, 4) float32
-        Red, green, blue and opacity, 0 to 1; row 0 is the top row. The background is transparent.
+    ``colours`` are red, green and blue from 0 to 1, and ``view`` is OBLIQUE or FROM_ABOVE. The
+    pictures are (pixels, pixels, 4): red, green, blue and opacity, 0 to 1; row 0 is the top row.
+    The background is transparent.
     """
     spans = [
         np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ view[:2].T, axis=0).max()
@@ -396,16 +367,10 @@ MAX_PICTURE_TRIANGLES = 50_000
 
 @dataclass(frozen=True, eq=False)
 class AspectPose:
-    """A pose of the part on the surface z = 0 that shows an aspect; tray frame.
+    """A pose of the part on the surface z = 0 that shows an aspect; tray frame, m.
 
-    position : (3,) float
-        Position of the part frame, m.
-    orientation : (4,) float
-        Orientation of the aspect: unit quaternion xyzw, tray from part.
-    centre_of_mass : (3,) float
-        m.
-    top : float
-        Height of the highest point, m.
+    Position of the part frame; orientation of the aspect, a unit quaternion xyzw, tray from part;
+    and the height of the highest point.
     """
 
     aspect_id: int
