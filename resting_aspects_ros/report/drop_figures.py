@@ -1,6 +1,5 @@
 """The figures of a distribution: bars, pie, convergence, estimates and a comparison."""
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -93,7 +92,9 @@ def convergence_figure(
     axes.set_xlim(float(drops[0]), float(drops[-1]))
     axes.set_ylim(0, top * 1.02)
     axes.xaxis.set_major_formatter(lambda n, _: f'{n:,.0f}'.replace(',', ' '))
-    axes.set_xticks(_drop_ticks(drops, width - left - right))
+    # The label of a power of ten just below the last number would overlap it.
+    decades = 10.0 ** np.arange(np.ceil(np.log10(drops[0])), np.log10(drops[-1]))
+    axes.set_xticks([*decades[decades < drops[-1] / 3], drops[-1]])
     axes.minorticks_off()
     percent_axis(axes, 'y', top)
     axes.set_xlabel('number of drops', size=8, color=FAINT)
@@ -202,22 +203,6 @@ def comparison_figure(
     axes.set_xlim(0, top * axes_width / (axes_width - text_width))
     percent_axis(axes, 'x', top)
     return row_axes.figure
-
-
-def _drop_ticks(drops: Counts, inches: float) -> list[float]:
-    """Return the ticks of an axis of drops, ``inches`` long: powers of ten, and the last number.
-
-    A tick is omitted if its label would overlap the label of a larger one.
-    """
-    decades = 10.0 ** np.arange(1, 8)
-    inside = decades[(decades >= drops[0]) & (decades < drops[-1])]
-    length = math.log10(drops[-1] / drops[0])
-    shown = [float(drops[-1])]
-    for tick in inside[::-1]:
-        room = inches * math.log10(shown[0] / tick) / length
-        if room > 0.065 * (len(str(int(tick))) + len(str(int(shown[0])))) / 2 + 0.1:
-            shown.insert(0, float(tick))
-    return shown
 
 
 def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float) -> None:

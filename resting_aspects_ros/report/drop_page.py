@@ -30,7 +30,7 @@ from resting_aspects_ros.report.drop_figures import (
     estimates_figure,
     pie_figure,
 )
-from resting_aspects_ros.report.drops import down_text, estimate_table, never_seen_text
+from resting_aspects_ros.report.drops import estimate_table, never_seen_text
 from resting_aspects_ros.report.figure import NARROW, WIDE
 from resting_aspects_ros.report.format import (
     Row,
@@ -71,7 +71,7 @@ from resting_aspects_ros.report.picture import (
     picture_part,
     pose_parts,
 )
-from resting_aspects_ros.report.table import DOWN, Table
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.statistics.comparison import Comparison
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -366,7 +366,6 @@ def outcome_rows(
                 count=row.count,
                 **share_fields(row, distribution.drops, longest),
                 facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
-                members=_members(distribution, row) if len(row.aspects) > 1 else None,
                 oblique=oblique,
                 above=above,
                 small=small,
@@ -387,27 +386,6 @@ def share_fields(row: Row, drops: int, longest: float) -> dict[str, Any]:
         'model': row.model and _bar(row.model, longest)[1:],
         'model_text': '' if row.model is None else model_range(row.model),
     }
-
-
-def _members(distribution: Distribution, row: Row) -> Table:
-    """Return the table of the individual aspects of a row."""
-    ranged = distribution.model is not None
-    headings = ['aspect', DOWN, 'count', 'probability', 'interval']
-    if ranged:
-        headings.append('model range')
-    table = Table('', headings, texts={DOWN})
-    intervals, ranges = distribution.intervals(), distribution.model_intervals()
-    for aspect in row.aspects:
-        k = aspect.id - 1
-        table.add_row(
-            str(aspect.id),
-            down_text(aspect),
-            str(distribution.counts[k]),
-            probability_text(intervals[k]),
-            interval_text(intervals[k]),
-            *([] if (model := ranges[k]) is None else [interval_text(model)]),
-        )
-    return table
 
 
 def largest_rows(rows: Sequence[OutcomeRow]) -> list[OutcomeRow]:

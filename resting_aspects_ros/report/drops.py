@@ -97,11 +97,8 @@ def model_text(row: Row) -> str:
 
 def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
     """Describe the aspects in which no drop ended; empty if there are none."""
-    # The basins are those of a level floor.
-    normal = distribution.aspects.floor_normal
-    level = normal is None or float(normal[2]) > 1 - 1e-9
     texts = [
-        f'{row.name} (at most {100 * row.interval.upper:.2g} %{_basin_text(row) if level else ""})'
+        f'{row.name} (at most {100 * row.interval.upper:.2g} %)'
         for row in (aspect_rows(distribution) if each else class_rows(distribution))
         if not row.count
     ]
@@ -118,12 +115,6 @@ def merged_text(aspects: AspectSet) -> str:
         f'Ignored in {aspects_text(having)}: barriers of up to {highest:.2g} mm, which the mesh '
         'or noise explains.'
     )
-
-
-def _basin_text(row: Row) -> str:
-    share = 100 * sum(aspect.basin_share for aspect in row.aspects)
-    them = 'them' if len(row.aspects) > 1 else 'it'
-    return f'; the part rolls into {them} from {share:.2g} % of all directions'
 
 
 def _each_text(row: Row, drops: int) -> str:

@@ -131,8 +131,6 @@ def forecast_notes(named: NamedForecast) -> list[str]:
             f'{percent}, parts lean on each other or entangle, which the forecast does not '
             'include.'
         )
-    if found.best_number == 1:
-        notes.append('With more than one part on the tray, too few parts are free.')
     return notes
 
 

@@ -143,8 +143,6 @@ class OutcomeRow:
         Start and length of the model range, which is drawn thinner.
     facts : tuple of (str, str, str)
         Properties of the aspect that follow from the shape: label, value, explanation.
-    members : Table or None
-        The individual aspects of the row, if there are several.
     oblique, above, small : str
         Pictures as data URIs.
     """
@@ -159,7 +157,6 @@ class OutcomeRow:
     bar: tuple[float, float, float]
     model_text: str = ''
     facts: tuple[tuple[str, str, str], ...] = ()
-    members: Table | None = None
     oblique: str = ''
     above: str = ''
     small: str = ''

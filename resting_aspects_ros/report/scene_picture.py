@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 from scipy.ndimage import binary_dilation, gaussian_filter
-from scipy.spatial import ConvexHull
 from shapely import affinity
+from trimesh.intersections import slice_faces_plane
 
 from resting_aspects_ros.arrays import Array, Bytes, Indices
 from resting_aspects_ros.aspects.support import NONE, ContactPlane
@@ -117,23 +117,14 @@ def _patch(
 ) -> Mesh:
     """Return a square of the plane below the part, as far as it is outside the other bodies."""
     middle = centre - plane.normal * (centre @ plane.normal - plane.offset)
-    u, v = _axes(plane.normal) * (PATCH * radius)
-    polygon = [middle + a * u + b * v for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    square = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    points = middle + PATCH * radius * square @ _axes(plane.normal)
+    faces = np.array([(0, 1, 2), (0, 2, 3)])
     for other in others:
-        polygon = _clipped(polygon, other)
-    return _fan(np.array(polygon).reshape(-1, 3), colour)
-
-
-def _clipped(polygon: list[Array], plane: ContactPlane) -> list[Array]:
-    """Return the part of a polygon on the side to which the normal of a plane points."""
-    kept: list[Array] = []
-    for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True):
-        one, other = (float(p @ plane.normal) - plane.offset for p in (a, b))
-        if one >= 0:
-            kept.append(a)
-        if (one >= 0) != (other >= 0):
-            kept.append(a + (b - a) * (one / (one - other)))
-    return kept
+        if len(faces):
+            end = other.offset * other.normal
+            points, faces, *_ = slice_faces_plane(points, faces, other.normal, end)
+    return _two_sided(points, faces, colour)
 
 
 def _contact(plane: ContactPlane, corners: Array, radius: float, colour: Array) -> Mesh:
@@ -141,20 +132,17 @@ def _contact(plane: ContactPlane, corners: Array, radius: float, colour: Array) 
     heights = corners @ plane.normal - plane.offset
     touching = corners[heights <= heights.min() + TOUCHING * radius]
     axes = _axes(plane.normal)
-    angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-    disc = RIM * radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    flat = ((touching @ axes.T)[:, None] + disc).reshape(-1, 2)
-    outline = flat[ConvexHull(flat).vertices]
+    flat = shapely.MultiPoint(touching @ axes.T).convex_hull.buffer(RIM * radius)
+    outline = np.asarray(flat.exterior.coords)[:-1]
     height = plane.offset + ABOVE * radius
-    return _fan(outline @ axes + height * plane.normal, colour)
+    faces = np.array([(0, k, k + 1) for k in range(1, len(outline) - 1)])
+    return _two_sided(outline @ axes + height * plane.normal, faces, colour)
 
 
-def _fan(polygon: Array, colour: Array) -> Mesh:
-    """Return a convex polygon (n, 3) as triangles that are visible from both sides."""
-    n = len(polygon)
-    faces = np.array([(0, k, k + 1) for k in range(1, n - 1)], dtype=np.int64).reshape(-1, 3)
-    faces = np.concatenate([faces, faces[:, ::-1]])
-    return polygon, faces, np.tile(colour, (len(faces), 1))
+def _two_sided(points: Array, faces: Indices, colour: Array) -> Mesh:
+    """Return triangles that are visible from both sides."""
+    both = np.concatenate([faces, faces[:, ::-1]]).reshape(-1, 3)
+    return points, both, np.tile(colour, (len(both), 1))
 
 
 def _view(normals: Sequence[Array]) -> Array:

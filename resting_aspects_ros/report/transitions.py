@@ -154,46 +154,19 @@ def long_run_table(
     drop: Array,
     title: str,
     confidence: float = CONFIDENCE,
-    after: Array | None = None,
 ) -> Table:
     """Return a table of the shares that repeated actions lead to, beside the shares of a drop.
 
-    Aspects in no closed class, or in one of several, are marked as groups; see long_run_text.
-
-    Parameters
-    ----------
-    long_run : LongRun
-        Its shares and indices refer to the rows, as those of lower, upper, drop and after (k,).
-    lower, upper : (k,) float
-        Bounds of its shares.
-    drop : (k,) float
-        Probabilities of the rows after a drop.
-    after : (k,) float, optional
-        Shares after one action on dropped parts.
+    The long run, the bounds ``lower`` and ``upper`` of its shares, and ``drop``, the probabilities
+    after a drop, refer to the rows, (k,).
     """
-    marks = _marks(long_run, len(rows))
-    headings = (
-        aspects_heading(rows),
-        'in the\nlong run',
-        f'{100 * confidence:g} % interval',
-        *([] if after is None else ['after one\naction']),
-        'in a\ndrop',
-        *(['group'] if any(marks) else []),
-    )
-    table = Table(title, headings)
+    interval = f'{100 * confidence:g} % interval'
+    table = Table(title, (aspects_heading(rows), 'in the\nlong run', interval, 'in a\ndrop'))
     values = zip(long_run.shares.tolist(), lower.tolist(), upper.tolist(), strict=True)
-    once = [[]] * len(rows) if after is None else [[share_percent_text(x)] for x in after.tolist()]
-    columns = zip(rows, values, once, drop.tolist(), marks, strict=True)
-    for row, value, one, dropped, mark in columns:
-        interval = Interval(*value)
-        table.add_row(
-            ids_text(row),
-            probability_text(interval),
-            interval_text(interval),
-            *one,
-            share_percent_text(dropped),
-            *([mark] if any(marks) else []),
-        )
+    for row, value, dropped in zip(rows, values, drop.tolist(), strict=True):
+        share = Interval(*value)
+        cells = probability_text(share), interval_text(share), share_percent_text(dropped)
+        table.add_row(ids_text(row), *cells)
     return table
 
 
@@ -285,20 +258,6 @@ def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Ta
             cells = actions[action], number_text(time)
         table.add_row(ids_text(row), *cells)
     return table
-
-
-def _marks(long_run: LongRun, count: int) -> list[str]:
-    """Return the number of the closed class of each row, if there are several, or why none."""
-    marks = [''] * count
-    if len(long_run.closed) > 1:
-        for number, members in enumerate(long_run.closed, start=1):
-            for k in members:
-                marks[k] = str(number)
-    for k in long_run.transient:
-        marks[k] = 'none'
-    for k in long_run.unreachable:
-        marks[k] = 'not reached'
-    return marks
 
 
 def _names(rows: Rows, indices: Sequence[int]) -> str:
