@@ -81,10 +81,9 @@ class ComparisonResult(Result):
     def sides(self) -> ComparedResults:
         """Return both sides, as reports show them."""
         a, b = self.a, self.b
-        down = a.down if a.down is not None else b.down
         what: Literal['aspect', 'class'] = 'class' if a.by_class else 'aspect'
         models = a.model, b.model
-        return ComparedResults(a.ids, a.names, down, a.tally, b.tally, what, models=models)
+        return ComparedResults(a.ids, a.names, a.tally, b.tally, what, models=models)
 
     @property
     def range_texts(self) -> list[str]:

@@ -139,7 +139,6 @@ def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, 
     sides = ComparedResults(
         tuple(members[0].symmetry_class for members in classes),
         tuple(map(ids_text, classes)),
-        None,
         counted,
         tally,
         'class',

@@ -37,8 +37,6 @@ class ComparedResults:
     ids, names : tuple of int, tuple of str
         Ids of the aspects or symmetry classes (see ``what``), and the same as text, such as '3+4'
         for classes that were counted together.
-    down : (k, 3) float
-        Unit vectors of gravity, part frame; NaN if the part rolls. None if not known.
     a, b : DropCounts
         Counts of the two sides.
     models : (ModelRange or None, ModelRange or None)
@@ -47,7 +45,6 @@ class ComparedResults:
 
     ids: tuple[int, ...]
     names: tuple[str, ...]
-    down: npt.NDArray[np.float64] | None
     a: DropCounts
     b: DropCounts
     what: Literal['aspect', 'class'] = 'aspect'
@@ -89,14 +86,13 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
     first, second = sides.labels
     headings = (
         sides.what,
-        DOWN if sides.down is not None else '',
         f'{first}\n(%)',
         f'{percent}\ninterval of {first}' + (',\nmodel range' if sides.models[0] else ''),
         f'{second} (%),\nmodel\nrange' if sides.models[1] else f'{second}\n(%)',
         f'{first} - {second}\n(%)',
         f'{percent}\nsimultaneous',
     )
-    table = Table(title, headings, texts={headings[1]})
+    table = Table(title, headings)
     rows = zip(*sides.shares(comparison.confidence), *sides.ranges(), strict=True)
     texts = _difference_texts(comparison, sides)
     for k, ((a, b, *ranges), (difference, bounds, decimals)) in enumerate(
@@ -105,7 +101,6 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
         below, below_other = (f'\n{_bare(model)}' if model else '' for model in ranges)
         table.add_row(
             sides.names[k],
-            _down_text(sides, k),
             percent_text(a.probability, decimals),
             f'{_bare(a)}{below}',
             f'{percent_text(b.probability, decimals)}{below_other}',
@@ -121,18 +116,12 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
                 for count, tally in zip(counts, sides.tallies, strict=True)
             )
             share, other = (probability_text(each).removesuffix(' %') for each in (a, b))
-            table.add_row('', name, share, _bare(a), other)
+            table.add_row(name, share, _bare(a), other)
     return table
 
 
 def _bare(interval: Interval) -> str:
     return interval_text(interval).removesuffix(' %')
-
-
-def _down_text(sides: ComparedResults, k: int) -> str:
-    if sides.down is None:
-        return ''
-    return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
 
 
 def _difference_texts(
@@ -191,8 +180,6 @@ def comparison_document(
     """
     shares, ranges = sides.shares(comparison.confidence), sides.ranges()
     lower, upper = comparison.largest_bounds
-    unknown = np.full((len(sides.ids), 3), np.nan)
-    down = unknown if sides.down is None else sides.down
     return {
         'schema_version': SCHEMA_VERSION,
         **{
@@ -210,7 +197,6 @@ def comparison_document(
             {
                 'id': sides.ids[k],
                 'name': sides.names[k],
-                'down_in_part': None if np.isnan(down[k]).any() else numbers(down[k]),
                 **{
                     name: {
                         'count': int(tally.counts[k]),

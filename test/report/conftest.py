@@ -52,7 +52,7 @@ def make_report():
             labels = ('simulated', 'by hand')
             more['measured'] = (
                 found,
-                ComparedResults(ids, names, None, own, other, 'class', labels=labels),
+                ComparedResults(ids, names, own, other, 'class', labels=labels),
             )
         looks = np.array([10, 30, 100, 300, distribution.drops])
         more.setdefault('history', (looks, np.outer(looks, counts) // distribution.drops))
