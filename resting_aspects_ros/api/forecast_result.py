@@ -15,6 +15,7 @@ from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import (
     NamedForecast,
+    cell_facts,
     controlled_fields,
     forecast_fields,
     forecast_figure,
@@ -322,7 +323,9 @@ def _facts(
     first: ForecastResult, parts: Mapping[str, ReorientResult]
 ) -> dict[str, list[tuple[str, str]]]:
     conditions = first.reorientation.run.conditions
-    facts = {'Feeder, camera and robot': list(_cell_facts(first))}
+    action = first.reorientation.action
+    cell = [('action', f'{action.name}: {action.text}'), *cell_facts(first.named)]
+    facts = {'Feeder, camera and robot': cell}
     for name, found in parts.items():
         label = f' {name}' if len(parts) > 1 else ''
         facts[f'Part{label}'] = part_facts(found.part, found.run, found.matrix.aspects)
@@ -348,20 +351,3 @@ def _subtitle(result: ForecastResult) -> str:
     run = result.reorientation.run
     action = result.reorientation.action.name
     return f'{action} on {surface_text(run.conditions)}, seed {run.seed}'
-
-
-def _cell_facts(result: ForecastResult) -> Iterator[tuple[str, str]]:
-    """Yield label and value of the times, the tray and the gripper."""
-    model, action = result.named.model, result.reorientation.action
-    times, tray = model.times, model.tray
-    yield 'action', f'{action.name}: {action.text}'
-    yield 'robot, from pick to pick', f'{times.robot:g} s'
-    yield 'motion of the feeder', f'{times.vibrate:g} s'
-    yield 'until the parts are at rest', f'{times.settle:g} s'
-    yield 'image', f'{times.image:g} s'
-    yield 'supply of a part', f'{times.supply:g} s'
-    yield 'overlap of feeder and robot', f'{times.overlap:g} s' if times.place else 'none'
-    yield 'tray', ' x '.join(f'{1000 * side:g}' for side in tray.size) + ' mm'
-    yield 'clearance', f'{1000 * tray.clearance:g} mm'
-    yield 'footprint of the gripper', tray.gripper.text if tray.gripper else 'none'
-    yield 'maximum number of picks', str(model.max_picks or 'all free parts')

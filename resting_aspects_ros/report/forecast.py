@@ -80,27 +80,31 @@ def forecast_sentence(named: NamedForecast) -> str:
     )
 
 
-def cell_text(named: NamedForecast) -> str:
-    """Return the times, the tray and the clearance that a forecast is for, in one sentence."""
+def cell_facts(named: NamedForecast) -> list[tuple[str, str]]:
+    """Return label and value of the times, the tray and the gripper that a forecast is for."""
     times, tray = named.model.times, named.model.tray
-    names = {
-        'robot': times.robot,
-        'feeder motion': times.vibrate,
-        'settling': times.settle,
-        'image': times.image,
-    }
-    facts = [f'{name} {seconds:g} s' for name, seconds in names.items()]
+    facts = [
+        ('robot', f'{times.robot:g} s'),
+        ('feeder motion', f'{times.vibrate:g} s'),
+        ('settling', f'{times.settle:g} s'),
+        ('image', f'{times.image:g} s'),
+    ]
     if times.supply:
-        facts.append(f'supply {times.supply:g} s per part')
+        facts.append(('supply per part', f'{times.supply:g} s'))
     if times.place:
-        facts.append(f'overlap {times.overlap:g} s')
-    facts.append('tray {:g} x {:g} mm'.format(*(1000 * side for side in tray.size)))
-    facts.append(f'clearance {1000 * tray.clearance:g} mm')
+        facts.append(('overlap', f'{times.overlap:g} s'))
+    facts.append(('tray', '{:g} x {:g} mm'.format(*(1000 * side for side in tray.size))))
+    facts.append(('clearance', f'{1000 * tray.clearance:g} mm'))
     if tray.gripper is not None:
-        facts.append(f'gripper {tray.gripper.text}')
+        facts.append(('gripper', tray.gripper.text))
     if named.model.max_picks is not None:
-        facts.append(f'at most {named.model.max_picks} picks per image')
-    return f'For {", ".join(facts)}.'
+        facts.append(('maximum picks per image', str(named.model.max_picks)))
+    return facts
+
+
+def cell_text(named: NamedForecast) -> str:
+    """Return what a forecast is for, in one sentence."""
+    return f'For {", ".join(f"{label} {value}" for label, value in cell_facts(named))}.'
 
 
 def range_text(named: NamedForecast) -> str:
@@ -117,21 +121,16 @@ def range_text(named: NamedForecast) -> str:
 
 
 def forecast_notes(named: NamedForecast) -> list[str]:
-    """Return sentences on where the model ends, if the forecast is there."""
-    found, notes = named.forecast, []
-    percent = f'{100 * MAX_COVERAGE:g} %'
-    if found.coverage > 1.02 * MAX_COVERAGE:
-        notes.append(
-            f'The parts cover {share_text(found.coverage)} % of the tray. Above about {percent}, '
-            'parts lean on each other or entangle, which the forecast does not include.'
-        )
-    elif found.at_limit and found.number == found.best_number:
-        notes.append(
-            'More parts on the tray might give a higher rate, but above a coverage of about '
-            f'{percent}, parts lean on each other or entangle, which the forecast does not '
-            'include.'
-        )
-    return notes
+    """Return a sentence on where the model ends, if the forecast is there."""
+    found = named.forecast
+    beyond = found.coverage > 1.02 * MAX_COVERAGE
+    if not beyond and not (found.at_limit and found.number == found.best_number):
+        return []
+    return [
+        f'The parts cover {share_text(found.coverage)} % of the tray. Above about '
+        + f'{100 * MAX_COVERAGE:g} %, parts lean on each other or entangle, which the forecast '
+        + 'does not include.'
+    ]
 
 
 def forecast_table(forecasts: Sequence[NamedForecast]) -> Table:

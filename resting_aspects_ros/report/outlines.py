@@ -93,7 +93,6 @@ def polygon_fields(polygon: Polygon) -> dict[str, object]:
 HARD = 0.02
 # Heights that differ by more than this share of the larger one distinguish classes.
 HEIGHT_DIFFERENCE = 0.05
-MAX_GROUPS = 12
 # Maximum number of classes in the list of those that look like a class.
 MAX_LISTED = 3
 _VERDICTS = ('same', 'mirrored', 'distinct')
@@ -126,7 +125,7 @@ def outline_table(
             ' x '.join(next(texts) for _ in range(3)),
             number_text(1e6 * each.area),
             yaw_symmetry_text(each.yaw_symmetry),
-            _list_text(each, look_alikes[each.symmetry_class]) or NOTHING,
+            look_alike_text(each, look_alikes[each.symmetry_class]) or NOTHING,
         )
     return table
 
@@ -180,9 +179,6 @@ def confused_class_texts(outlines: Sequence[Outline], look_alikes: LookAlikes) -
             inside = list(combinations(_alike(pair, pairs), 2))
             covered.update(inside)
             texts.append(_group_text(inside, pairs, groups))
-    if len(texts) > MAX_GROUPS:
-        more = len(texts) - MAX_GROUPS
-        texts[MAX_GROUPS:] = [f'{more} more groups look alike; --json lists all pairs.']
     return texts
 
 
@@ -205,15 +201,14 @@ def family_texts(outlines: Sequence[Outline]) -> list[str]:
     ]
 
 
-def short_look_alike_text(outline: Outline, others: Sequence[LookAlike]) -> str:
+def look_alike_text(outline: Outline, others: Sequence[LookAlike]) -> str:
     """Return the classes with which a camera confuses a class, with the reasons; can be empty."""
-    text = _list_text(outline, others)
-    return f'class {text}' if text else ''
-
-
-def _list_text(outline: Outline, others: Sequence[LookAlike]) -> str:
     near = _near(outline, others)
-    texts = [f'{each.symmetry_class} ({_reason(each)})' for each in near[:MAX_LISTED]]
+    texts = [
+        f'{each.symmetry_class} ({each.verdict}'
+        + (f' by {millimetres_text(each.resolution)} mm)' if each.verdict == 'distinct' else ')')
+        for each in near[:MAX_LISTED]
+    ]
     if len(near) > MAX_LISTED:
         texts.append(f'{len(near) - MAX_LISTED} more')
     return ', '.join(texts)
@@ -230,25 +225,14 @@ def _order(entry: LookAlike) -> tuple[int, float]:
     return _VERDICTS.index(entry.verdict), entry.resolution
 
 
-def _reason(entry: LookAlike) -> str:
-    return (
-        f'distinct by {millimetres_text(entry.resolution)} mm'
-        if entry.verdict == 'distinct'
-        else entry.verdict
-    )
-
-
 def _same_text(outlines: Sequence[Outline]) -> str:
     """Return what distinguishes classes with the same outline."""
     classes = numbers_text([each.symmetry_class for each in outlines])
     heights = sorted(each.height for each in outlines)
     clear = [high - low > HEIGHT_DIFFERENCE * high for low, high in pairwise(heights)]
     values = f'{list_text([millimetres_text(each.height) for each in outlines])} mm'
-    if all(clear):
-        needed = f'a measured height does: {values}'
-    elif any(clear):
-        needed = f'a measured height does for some ({values}), grey values for the others'
-    else:
+    needed = f'a measured height does: {values}'
+    if not all(clear):
         needed = 'grey values of the upper side are needed'
     return f'Classes {classes} have the same outline. No resolution distinguishes them; {needed}.'
 

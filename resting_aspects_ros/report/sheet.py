@@ -23,7 +23,7 @@ from resting_aspects_ros.report.format import (
     rgb,
     size_text,
 )
-from resting_aspects_ros.report.outlines import MM, members, short_look_alike_text
+from resting_aspects_ros.report.outlines import MM, look_alike_text, members
 from resting_aspects_ros.report.picture import Image, draw_parts, picture_part, pose_parts
 from resting_aspects_ros.rotations import composed
 from resting_aspects_ros.vision.outline import LookAlike, Outline, rings
@@ -229,8 +229,8 @@ def _note(
     height: str,
     others: Sequence[LookAlike],
 ) -> str:
-    alike = short_look_alike_text(outline, others)
-    below = f'\nFrom above it looks like {alike}.' if alike else ''
+    alike = look_alike_text(outline, others)
+    below = f'\nFrom above it looks like class {alike}.' if alike else ''
     return f'rests on {resting_on(part, group[0])}; {height} mm high{below}'
 
 
