@@ -1,13 +1,12 @@
 """The figures of a distribution: bars, pie, convergence, estimates and a comparison."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.figure import (
     FAINT,
@@ -17,7 +16,6 @@ from resting_aspects_ros.report.figure import (
     TEXT,
     WIDE,
     Header,
-    RowAxes,
     draw_image,
     labels_apart,
     new_figure,
@@ -48,8 +46,6 @@ if TYPE_CHECKING:
 
 
 MAX_LINES = 10  # more lines would hide each other
-# A marker shape for each method.
-MARKERS = dict(zip(METHODS, 'osD^vPX', strict=True))
 
 
 def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[list[Interval]]:
@@ -102,48 +98,6 @@ def convergence_figure(
     return figure
 
 
-def estimates_figure(
-    rows: Sequence[Row], estimates: Mapping[str, Array], width: float = WIDE
-) -> 'Figure':
-    """Plot the prediction of each method for each row, over the interval of the drops as a bar.
-
-    ``estimates`` are the probabilities (rows,), by the method's name.
-    """
-    columns = int(width / 1.7)  # of the legend
-    lines = -(-len(estimates) // columns)
-    row_axes = RowAxes(rows, 0.5, width, 0.4 + 0.2 * lines)
-    axes, tall = row_axes.axes, row_axes.data(0.25)
-    for row, y in zip(rows, row_axes.places, strict=True):
-        wide = row.interval.upper - row.interval.lower
-        axes.barh(y, wide, tall, row.interval.lower, color=row.colour, alpha=0.55)
-        ends = [y - tall / 2, y + tall / 2]
-        axes.plot([row.interval.probability] * 2, ends, color=TEXT, linewidth=1.4)
-    for name, shares in estimates.items():
-        axes.plot(
-            shares,
-            row_axes.places,
-            MARKERS[name],
-            label=METHODS[name].label,
-            markersize=5,
-            markerfacecolor=PAPER,
-            markeredgecolor=TEXT,
-            markeredgewidth=1.0,
-        )
-    top = max([row.interval.upper for row in rows] + [float(max(x)) for x in estimates.values()])
-    axes.set_xlim(0, top * 1.04)
-    percent_axis(axes, 'x', top)
-    row_axes.figure.legend(
-        loc='lower left',
-        ncols=columns,
-        frameon=False,
-        fontsize=8,
-        labelcolor=TEXT,
-        bbox_to_anchor=(0.02, 0.0),
-        columnspacing=1.2,
-    )
-    return row_axes.figure
-
-
 def comparison_figure(
     rows: Sequence[Row],
     sides: Sequence[tuple[str, Sequence[Interval]]],
@@ -166,11 +120,10 @@ def comparison_figure(
         textwrap.fill(f'{place} bar: {name}', int(width / 0.075))
         for (name, _), place in zip(sides, ('upper', 'lower'), strict=True)
     )
-    row_axes = RowAxes(rows, 0.62, width, 0.5 + 0.16 * len(legend.splitlines()))
-    row_axes.figure.text(
-        0.2 / width, 0.1 / row_axes.height, legend, size=8, color=FAINT, parse_math=False
-    )
-    axes, tall = row_axes.axes, row_axes.data(0.25)
+    figure, axes = _band_axes(rows, width, 0.5 + 0.16 * len(legend.splitlines()))
+    at = 0.2 / width, 0.1 / figure.get_figheight()
+    figure.text(*at, legend, size=8, color=FAINT, parse_math=False)
+    places, tall = np.arange(len(rows), dtype=np.float64), 0.25 / _pitch(width)
     both = [side for _, side in sides]
     known = [each for side in (*both, *ranges) for each in side if each is not None]
     top = max(each.upper for each in known)
@@ -181,28 +134,78 @@ def comparison_figure(
         lower = shares - [each.lower for each in side]
         upper = [each.upper for each in side] - shares
         colours = [row.colour for row in rows]
-        axes.barh(row_axes.places + shift, shares, 0.9 * tall, color=colours, alpha=alpha)
+        axes.barh(places + shift, shares, 0.9 * tall, color=colours, alpha=alpha)
         axes.errorbar(
             shares,
-            row_axes.places + shift,
+            places + shift,
             xerr=[np.maximum(lower, 0), np.maximum(upper, 0)],
             fmt='none',
             color=TEXT,
             elinewidth=1.0,
             capsize=3,
         )
-        for model, row, y in zip(models, rows, row_axes.places + 2.12 * shift, strict=True):
+        for model, row, y in zip(models, rows, places + 2.12 * shift, strict=True):
             if model is not None:
                 draw_range(axes, model, row.colour, y, 0.12 * tall)
     ends = [
         max(each.upper for each in of_row if each) for of_row in zip(*both, *ranges, strict=True)
     ]
-    text_width = row_axes.write(differences, ends)
+    text_width = _write_differences(axes, rows, differences, ends, narrow=width <= NARROW)
     # The axis leaves room for the text beside the longest bar.
     axes_width = axes.get_position().width * width
     axes.set_xlim(0, top * axes_width / (axes_width - text_width))
     percent_axis(axes, 'x', top)
-    return row_axes.figure
+    return figure
+
+
+# Height of a band of the comparison, and of the line of text above it in a narrow figure, inches.
+_BAND, _LINE = 0.62, 0.24
+
+
+def _pitch(width: float) -> float:
+    """Return the distance of the bands of the comparison, inches."""
+    return _BAND + (_LINE if width <= NARROW else 0.0)
+
+
+def _band_axes(rows: Sequence[Row], width: float, below: float) -> 'tuple[Figure, Axes]':
+    """Return a figure and axes with a band for each row, above a space with the height ``below``, inches.
+
+    The names are left of the bands, or in a narrow figure in the line above each band.
+    """
+    narrow, pitch = width <= NARROW, _pitch(width)
+    height = pitch * len(rows) + below + 0.1
+    names = [row.name for row in rows]
+    left = 0.2 + (0.0 if narrow else 0.08 * max(map(len, names), default=0))
+    bottom = below / height
+    room = 1 - (left + 0.25) / width, 1 - bottom - 0.1 / height
+    figure = new_figure(width, height)
+    axes = figure.add_axes((left / width, bottom, *room))
+    plain_axes(axes, 'x')
+    half = _BAND / 2 / pitch
+    axes.set_ylim(len(rows) - 1 + half, half - 1)
+    axes.set_yticks(range(len(rows)), [''] * len(rows) if narrow else names)
+    axes.tick_params(axis='y', labelcolor=TEXT, labelsize=9)
+    return figure, axes
+
+
+def _write_differences(
+    axes: 'Axes', rows: Sequence[Row], texts: Sequence[str], ends: Sequence[float], *, narrow: bool
+) -> float:
+    """Write a text right of the end of each row, and return the width that it needs, inches.
+
+    In a narrow figure it is in the line above the band, behind the name of the row.
+    """
+    style: dict[str, Any] = {'textcoords': 'offset points', 'color': TEXT}
+    bold: dict[str, Any] = {**style, 'weight': 'bold'}
+    for y, (row, text, x) in enumerate(zip(rows, texts, ends, strict=True)):
+        if narrow:
+            above = (0, 36 * _BAND + 2)
+            line: dict[str, Any] = {'xytext': above, 'xycoords': ('axes fraction', 'data')}
+            axes.annotate(row.name, (0, y), size=9, **line, **style)
+            axes.annotate(text, (1, y), size=8, ha='right', **line, **bold)
+        else:
+            axes.annotate(text, (x, y), (8, 0), size=9, va='center', **bold)
+    return 0.1 if narrow else 0.2 + 0.083 * max(map(len, texts), default=0)
 
 
 def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float) -> None:

@@ -27,7 +27,6 @@ from resting_aspects_ros.report.drop_figures import (
     comparison_figure,
     convergence_figure,
     distribution_figure,
-    estimates_figure,
     pie_figure,
 )
 from resting_aspects_ros.report.drops import estimate_table, never_seen_text
@@ -73,7 +72,7 @@ from resting_aspects_ros.report.picture import (
 )
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.statistics.comparison import Comparison
+from resting_aspects_ros.statistics.comparison import Comparison, DropCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 
@@ -82,7 +81,6 @@ _LABELS = {
     'distribution': 'Bar chart of the probabilities with intervals',
     'pie': 'Pie chart of the shares of all drops',
     'convergence': 'Line chart of the probabilities against the number of drops',
-    'estimates': 'Chart of the predictions of the analytic methods',
     'comparison': 'Bar chart of the simulated and the measured shares',
 }
 FIGURES = tuple(_LABELS)
@@ -188,13 +186,14 @@ def drop_page(
     if history is None and drops > 1:
         sections.append(Section(CONVERGENCE, 'convergence', [NO_HISTORY]))
     elif history is not None and len(history[0]) > 1 and drawn.rows:
-        found = bands(distribution, *history)
-        draw = partial(convergence_figure, drawn.rows, history[0], found)
+        draw = partial(convergence_figure, drawn.rows, history[0], bands(distribution, *history))
         caption = CONVERGENCE_CAPTION.format(spread=spread)
         chart = _chart('convergence', draw, caption)
         sections.append(Section(CONVERGENCE, 'convergence', [chart]))
     if estimates and drawn.rows and part is not None:
-        sections.append(_estimate_section(drawn.rows, part, estimates, not_defined or {}, spread))
+        outside = sum(row.count for row in drawn.outside)
+        found = _estimate_section(drawn.rows, part, estimates, not_defined or {}, outside)
+        sections.append(found)
     saved = partial(
         distribution_figure, distribution, drawn.part, f'{title}, {subtitle}', range_text
     )
@@ -318,28 +317,25 @@ def _estimate_section(
     part: Part,
     estimates: Mapping[str, Array],
     not_defined: Mapping[str, str],
-    spread: str,
+    outside: int,
 ) -> Section:
     shares = {
         name: np.array([sum(p[a.id - 1] for a in row.aspects) for row in rows])
         for name, p in estimates.items()
     }
-    chart = _chart(
-        'estimates',
-        partial(estimates_figure, rows, shares),
-        'Each symbol is the prediction of one analytic method. These methods use only the shape '
-        'of the part and ignore friction and bounce. For comparison, the coloured bars are the '
-        f'{spread} from the drops, and the line in each is their share.',
-    )
-    table = estimate_table(part, [row.aspects for row in rows], shares, '')
+    drops = DropCounts(np.array([row.count for row in rows]), outside)
+    members = [row.aspects for row in rows]
+    table = estimate_table(part, members, shares, '', drops if drops.counts.any() else None)
     # A page has room for the whole names of the methods.
-    table.headings = [*table.headings[:2], *(METHODS[name].label for name in shares)]
-    table.caption = 'Predictions in %.'
-    return Section(
-        'Analytic estimates',
-        'estimates',
-        [chart, table, *(f'{reason}.' for reason in not_defined.values())],
+    known = len(table.headings) - len(shares)
+    table.headings = [*table.headings[:known], *(METHODS[name].label for name in shares)]
+    text = (
+        'Predictions of analytic methods, in %. These methods use only the shape of the part and '
+        'ignore friction and bounce. For comparison, the first columns are the shares of the '
+        'drops that came to rest in an aspect, with their intervals.'
     )
+    reasons = [f'{reason}.' for reason in not_defined.values()]
+    return Section('Analytic estimates', 'estimates', [text, table, *reasons])
 
 
 def outcome_rows(

@@ -126,11 +126,12 @@ def forecast_notes(named: NamedForecast) -> list[str]:
     beyond = found.coverage > 1.02 * MAX_COVERAGE
     if not beyond and not (found.at_limit and found.number == found.best_number):
         return []
-    return [
+    text = (
         f'The parts cover {share_text(found.coverage)} % of the tray. Above about '
-        + f'{100 * MAX_COVERAGE:g} %, parts lean on each other or entangle, which the forecast '
-        + 'does not include.'
-    ]
+        f'{100 * MAX_COVERAGE:g} %, parts lean on each other or entangle, which the forecast does '
+        'not include.'
+    )
+    return [text]
 
 
 def forecast_table(forecasts: Sequence[NamedForecast]) -> Table:
