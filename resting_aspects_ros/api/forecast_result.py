@@ -14,12 +14,12 @@ from resting_aspects_ros.api.result import Result, save_figure
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import (
+    FORECAST_NOTE,
     NamedForecast,
     cell_facts,
     controlled_fields,
     forecast_fields,
     forecast_figure,
-    forecast_note,
     forecast_notes,
     forecast_sentence,
     forecast_table,
@@ -292,7 +292,7 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
         FIGURE,
         'Line charts of parts per minute and of cycles without a pick against the number of parts',
         partial(forecast_figure, forecasts, ''),
-        forecast_note(forecasts),
+        FORECAST_NOTE,
         partial(forecast_figure, forecasts, title),
     )
     yield forecast_table(forecasts)

@@ -59,13 +59,13 @@ from resting_aspects_ros.report.transition_figures import (
     transition_note,
 )
 from resting_aspects_ros.report.transitions import (
-    interval_table,
     long_run_table,
     long_run_text,
     plan_table,
     retention_table,
     suffix_of,
     table_rows,
+    transition_table,
     wanted_table,
 )
 from resting_aspects_ros.simulation.actions import TIME, NamedAction
@@ -393,7 +393,7 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
         partial(draw, result.title),
     )
     yield from _by_class_and_aspect(
-        result, [interval_table(matrix, by_class) for by_class in (True, False)]
+        result, [transition_table(matrix, by_class) for by_class in (True, False)]
     )
     if result.convergence is not None:
         classes = map(aspects_text, matrix.aspects.classes())

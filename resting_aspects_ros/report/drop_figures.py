@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.figure import (
     FAINT,
@@ -168,7 +168,7 @@ def _pitch(width: float) -> float:
 
 
 def _band_axes(rows: Sequence[Row], width: float, below: float) -> 'tuple[Figure, Axes]':
-    """Return a figure and axes with a band for each row, above a space with the height ``below``, inches.
+    """Return a figure and axes with a band for each row, above a space of ``below`` inches.
 
     The names are left of the bands, or in a narrow figure in the line above each band.
     """
@@ -266,8 +266,9 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     reach = REACH if pictured.any() else BARE_REACH
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach * HEIGHT / WIDTH, reach * HEIGHT / WIDTH)
-    places = middles.copy()
-    places[pictured] = spread(middles[pictured], 2 * np.arcsin(SIDE / 2 / DISTANCE))
+    places, gap = middles.copy(), 2 * np.arcsin(SIDE / 2 / DISTANCE)
+    clockwise = np.pi / 2 - middles[pictured]
+    places[pictured] = np.pi / 2 - labels_apart(clockwise, gap, gap / 2, 2 * np.pi - gap / 2)
     for k, (row, image) in enumerate(shown):
         x, y = np.cos(middles[k]), np.sin(middles[k])
         inside = shares[k] >= MIN_INSIDE
@@ -281,25 +282,6 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
             text = f'{short_name(row)}\n{100 * shares[k]:.0f} %'
             _write(axes, text, 0.66 * x, 0.66 * y, _text_colour_on(row.colour))
     return figure
-
-
-def spread(angles: Array, min_gap: float) -> Array:
-    """Return angles on a circle, descending, moved apart to gaps of ``min_gap`` rad if possible.
-
-    If there is not enough room, the gaps become equal.
-    """
-    moved = angles.copy()
-    if len(moved) < 2:
-        return moved
-    min_gap = min(min_gap, 2 * np.pi / len(moved))
-    for _ in range(200):
-        gaps = moved - np.roll(moved, -1)
-        gaps[-1] += 2 * np.pi
-        lack = np.maximum(min_gap - gaps, 0.0) / 2
-        if lack.max() < 1e-3:
-            break
-        moved += lack - np.roll(lack, 1)
-    return moved
 
 
 def _write(axes: 'Axes', text: str, x: float, y: float, colour: str) -> None:

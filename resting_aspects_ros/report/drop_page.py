@@ -29,7 +29,7 @@ from resting_aspects_ros.report.drop_figures import (
     distribution_figure,
     pie_figure,
 )
-from resting_aspects_ros.report.drops import estimate_table, never_seen_text
+from resting_aspects_ros.report.drops import estimate_table
 from resting_aspects_ros.report.figure import NARROW, WIDE
 from resting_aspects_ros.report.format import (
     Row,
@@ -89,7 +89,6 @@ FILES = file_names(PAGE, FIGURES)
 # pages with many rows (see page.css); and side of a picture beside a bar.
 PIXELS, PIXELS_OF_MANY_ROWS, SMALL_PIXELS = 320, 192, 64
 
-CONVERGENCE = 'Convergence of the probabilities'
 ASPECTS = (
     'Aspects are numbered from the lowest centre of mass to the highest. Each row shows the '
     'probability that was estimated from {drops} drops, with {spread}. Aspects that a rotation of '
@@ -110,10 +109,6 @@ CONVERGENCE_CAPTION = (
     'Each line shows how the estimated probability of an aspect changed as the number of drops '
     'grew. The horizontal axis is logarithmic. The bands are {spread}; four times as many drops '
     'make them about half as wide.'
-)
-NO_HISTORY = (
-    'The input of this report contains no history of the counts. To see the convergence, make the '
-    'report from the log of the run.'
 )
 
 OUTSIDE = {
@@ -183,13 +178,11 @@ def drop_page(
     if measured is not None:
         compared = list(comparison_items(drawn.rows, *measured))
         sections.append(Section('Measured and simulated', 'comparison', compared))
-    if history is None and drops > 1:
-        sections.append(Section(CONVERGENCE, 'convergence', [NO_HISTORY]))
-    elif history is not None and len(history[0]) > 1 and drawn.rows:
+    if history is not None and len(history[0]) > 1 and drawn.rows:
         draw = partial(convergence_figure, drawn.rows, history[0], bands(distribution, *history))
         caption = CONVERGENCE_CAPTION.format(spread=spread)
         chart = _chart('convergence', draw, caption)
-        sections.append(Section(CONVERGENCE, 'convergence', [chart]))
+        sections.append(Section('Convergence of the probabilities', 'convergence', [chart]))
     if estimates and drawn.rows and part is not None:
         outside = sum(row.count for row in drawn.outside)
         found = _estimate_section(drawn.rows, part, estimates, not_defined or {}, outside)
@@ -270,8 +263,6 @@ def _top(
         caption += ' The thin bars below are the model ranges.'
     if len(bars) < len(shown):
         caption += f' Bars are shown for the {len(bars)} largest of {len(shown)} outcomes.'
-    if unseen := never_seen_text(distribution):
-        caption += f' {unseen}'
     draw = partial(pie_figure, rows, images)
     yield Bars(Chart('pie', _LABELS['pie'], draw, saved=draw), bars, caption)
 

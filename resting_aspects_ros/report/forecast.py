@@ -13,7 +13,6 @@ from resting_aspects_ros.feeding.steady_state import cycle_time
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.figure import (
     FAINT,
-    PAPER,
     TEXT,
     Header,
     percent_axis,
@@ -330,6 +329,12 @@ def _points(curve: Curve) -> list[dict[str, Any]]:
     return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
+# What explains the figure.
+FORECAST_NOTE = (
+    'Parts per minute in the long run; the band is the interval that follows from the number '
+    'of simulated drops and actions. Dot: best number of parts on the tray. Below: the share '
+    'of the cycles without a pick.'
+)
 # Sizes in pixels.
 WIDTH, LEFT, RIGHT = 1240, 92, 40
 RATE, EMPTY, GAP, BOTTOM, NAME = 400, 150, 92, 70, 24
@@ -340,11 +345,10 @@ def forecast_figure(forecasts: Sequence[NamedForecast], title: str) -> 'Figure':
     """Draw two charts, with a line for each forecast.
 
     Parts per minute against the number of parts on the tray, with the interval of the long run as
-    a band, a dot at the best number, and a circle at the number of the forecast if that is another
-    one; and the share of cycles without a pick. Without a title, the figure has no explanation
-    either; see forecast_note.
+    a band and a dot at the best number; and the share of cycles without a pick. Without a title,
+    the figure has no explanation either; see FORECAST_NOTE.
     """
-    header = Header(title, forecast_note(forecasts) if title else '', WIDTH)
+    header = Header(title, FORECAST_NOTE if title else '', WIDTH)
     names = NAME * (len(forecasts) + 1 if len(forecasts) > 1 else 1)
     height = header.height + names + RATE + GAP + EMPTY + BOTTOM
     figure, canvas = pixel_axes(WIDTH, height)
@@ -361,20 +365,6 @@ def forecast_figure(forecasts: Sequence[NamedForecast], title: str) -> 'Figure':
         canvas.plot([LEFT, LEFT + 40], [y, y], color=_colour(k), linewidth=2)
         canvas.text(LEFT + 50, y, each.title, size=8.5, color=TEXT, va='center')
     return figure
-
-
-def forecast_note(forecasts: Sequence[NamedForecast]) -> str:
-    """Return the text that explains the figure."""
-    return (
-        'Parts per minute in the long run; the band is the interval that follows from the number '
-        'of simulated drops and actions. Dot: best number of parts on the tray'
-        + (
-            '; circle: number of the forecast. '
-            if any(each.forecast.number != each.forecast.best_number for each in forecasts)
-            else '. '
-        )
-        + 'Below: the share of the cycles without a pick.'
-    )
 
 
 def _draw_rates(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
@@ -397,11 +387,6 @@ def _draw_rates(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
                 size=8.5,
                 weight='bold',
                 color=TEXT,
-            )
-        if found.number != found.best_number:
-            here = rates[found.number]
-            axes.plot(
-                found.number, here, 'o', color=_colour(k), markerfacecolor=PAPER, markersize=7
             )
     _number_axis(axes, forecasts)
     top = max(float(each.forecast.curve.upper.max()) for each in forecasts)

@@ -210,8 +210,6 @@ MAX_LINES = 10  # more lines would hide each other
 WIDTH, HEIGHT = 1240, 480
 LEFT, BOTTOM, RIGHT = 92, 84, 330
 LABEL, PICTURE = 84, 80
-# The axis is logarithmic if the highest lift is at least this multiple of the lowest.
-LOGARITHMIC = 20.0
 # The curve of an aspect, or the common curve of several aspects that look the same.
 Line = tuple[RetentionCurve, tuple[Aspect, ...]]
 
@@ -240,10 +238,9 @@ def retention_figure(
 ) -> 'Figure':
     """Plot the probability to leave each aspect against the lift height, with intervals as bands.
 
-    Dashed vertical lines are the barriers. The axis is logarithmic if the lift heights span more
-    than an order of magnitude. Curves of the same symmetry class and the same lift heights are one
-    line. If there are more than MAX_LINES, those of the classes with the largest basins are shown.
-    Without a title, the figure has no explanation either; see retention_note.
+    Dashed vertical lines are the barriers. Curves of the same symmetry class and the same lift
+    heights are one line. Of more than MAX_LINES, those of the classes with the largest basins are
+    shown. Without a title, the figure has no explanation either; see retention_note.
     """
     lines = retention_lines(curves, aspects)
     basins = [sum(aspect.basin_share for aspect in members) for _, members in lines]
@@ -299,18 +296,14 @@ def _draw_lines(axes: 'Axes', shown: Sequence[Line]) -> float:
 
 
 def _set_axes(axes: 'Axes', shown: Sequence[Line], top: float) -> None:
-    from matplotlib.ticker import Locator, LogLocator, MaxNLocator
+    from matplotlib.ticker import LogLocator
 
-    low = 1000 * min(float(curve.lift[0]) for curve, _ in shown)
+    low = 900 * min(float(curve.lift[0]) for curve, _ in shown)
     high = 1000 * max(float(curve.lift[-1]) for curve, _ in shown)
     plain_axes(axes, 'y')
     axes.tick_params(axis='x', pad=9)
-    locator: Locator = MaxNLocator(steps=[1, 2, 5, 10])
-    if high >= LOGARITHMIC * low:
-        axes.set_xscale('log')
-        locator = LogLocator(subs=(1.0, 2.0, 5.0))
-    else:
-        low = 0.0
+    axes.set_xscale('log')
+    locator = LogLocator(subs=(1.0, 2.0, 5.0))
     axes.set_xlim(low, high)
     axes.set_xticks([lift for lift in locator.tick_values(low, high) if low <= lift <= high])
     axes.minorticks_off()

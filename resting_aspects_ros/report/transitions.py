@@ -21,7 +21,7 @@ from resting_aspects_ros.report.format import (
     share_percent_text,
     share_text,
 )
-from resting_aspects_ros.report.table import NOTHING, WIDTH, Number, Table
+from resting_aspects_ros.report.table import NOTHING, Number, Table
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval
 from resting_aspects_ros.statistics.markov import LongRun, Plan
 from resting_aspects_ros.statistics.transitions import (
@@ -31,7 +31,6 @@ from resting_aspects_ros.statistics.transitions import (
     TransitionMatrix,
 )
 
-MIN_LISTED = 0.01  # smaller probabilities of a row of many are listed together
 # Headings of the outcomes in no aspect.
 OUTCOME_HEADINGS = {
     'unclassified': 'unclas-\nsified',
@@ -39,9 +38,8 @@ OUTCOME_HEADINGS = {
     'failed': 'failed',
     'lost': 'lost',
 }
-# Widths at which the heading of a class with many aspects, and a list, are wrapped.
-_HEADING_WIDTH, _LIST_WIDTH = 10, 56
-_NO_BREAK = '\N{NO-BREAK SPACE}'
+# Width at which the heading of a class with many aspects is wrapped.
+_HEADING_WIDTH = 10
 
 Rows = Sequence[tuple[Aspect, ...]]
 
@@ -56,21 +54,15 @@ def suffix_of(action: str, actions: Sequence[str]) -> str:
     return f'_{action}' if len(actions) > 1 else ''
 
 
-def transition_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Table:
-    """Return a table with a row from each aspect or class of a matrix by aspect; in 80 columns.
+def transition_table(matrix: TransitionMatrix, by_class: bool, title: str = '') -> Table:
+    """Return a matrix by aspect in percent, with the interval below each probability.
 
-    If the matrix is too wide, each row is a list of its probabilities.
+    It has a row and a column for each aspect or class, however wide it is. Outcomes in no aspect
+    have columns if they occurred.
     """
-    table = interval_table(matrix, by_class, title)
-    return table if table.width <= WIDTH else _list_table(matrix, by_class, title)
-
-
-def interval_table(matrix: TransitionMatrix, by_class: bool, title: str = '') -> Table:
-    """Return the matrix in percent, with the interval below each probability, however wide.
-
-    Outcomes in no aspect have columns if they occurred.
-    """
-    rows, matrix, columns = _arranged(matrix, by_class)
+    rows = table_rows(matrix.aspects, by_class=by_class)
+    matrix = matrix.by_class() if by_class else matrix
+    columns = shown_columns(matrix)
     names = [textwrap.fill(f'to {ids_text(row)}', _HEADING_WIDTH) for row in rows]
     names += [OUTCOME_HEADINGS[OUTCOMES[c - len(rows)]] for c in columns[len(rows) :]]
     caption = f'Below each probability is its {100 * matrix.confidence:g} % interval.'
@@ -81,35 +73,6 @@ def interval_table(matrix: TransitionMatrix, by_class: bool, title: str = '') ->
         texts = [_with_bounds(of_row[c]) if of_row else NOTHING for c in columns]
         table.add_row(ids_text(row), *texts, str(actions))
     return table
-
-
-def _list_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Table:
-    """Return a table that lists where the part goes from each row, the most probable first."""
-    rows, matrix, columns = _arranged(matrix, by_class)
-    names = [*map(ids_text, rows), *OUTCOMES]
-    caption = f'Probabilities of at most {100 * MIN_LISTED:g} % are summed as others.'
-    table = Table(title, ('from', 'to', 'actions'), texts={'to'}, caption=caption)
-    found = matrix_intervals(matrix)
-    for name, of_row, actions in zip(names, found, matrix.actions.tolist(), strict=False):
-        order = sorted(columns, key=lambda c, row=of_row: -row[c].probability) if of_row else []
-        shown = [c for c in order if of_row[c].probability > MIN_LISTED]
-        entries = [f'{names[c]}: {probability_text(of_row[c])}' for c in shown]
-        if rest := sum(of_row[c].probability for c in order[len(shown) :]):
-            entries.append(f'others: {share_percent_text(rest)}')
-        # No line ends between a name and its percentage.
-        joined = '; '.join(entry.replace(' ', _NO_BREAK) for entry in entries)
-        text = textwrap.fill(joined, _LIST_WIDTH).replace(_NO_BREAK, ' ')
-        table.add_row(name, text or NOTHING, str(actions))
-    return table
-
-
-def _arranged(
-    matrix: TransitionMatrix, by_class: bool
-) -> tuple[list[tuple[Aspect, ...]], TransitionMatrix, list[int]]:
-    """Return the aspects of each row, the matrix of these rows, and the columns that are shown."""
-    rows = table_rows(matrix.aspects, by_class=by_class)
-    matrix = matrix.by_class() if by_class else matrix
-    return rows, matrix, shown_columns(matrix)
 
 
 def shown_columns(matrix: TransitionMatrix) -> list[int]:
@@ -142,8 +105,6 @@ def _bare(percentage: str) -> str:
 
 
 NEVER, WANTED = 'never', 'wanted'
-# Probabilities closer to 1 differ from it by rounding errors only.
-_CERTAIN = 1 - 1e-9
 
 
 def long_run_table(
@@ -237,7 +198,7 @@ def wanted_table(
         if is_wanted:
             cells = WANTED, '0'
         else:
-            cells = _chance_text(reached), NEVER if np.isnan(number) else number_text(number)
+            cells = share_percent_text(reached), NEVER if np.isnan(number) else number_text(number)
         table.add_row(ids_text(row), *cells)
     return table
 
@@ -264,14 +225,6 @@ def _names(rows: Rows, indices: Sequence[int]) -> str:
     """Return the ids of all aspects of some rows, as 'aspects 1 and 2'."""
     aspects = sorted((a for k in indices for a in rows[k]), key=lambda aspect: aspect.id)
     return aspects_text(tuple(aspects))
-
-
-def _chance_text(probability: float) -> str:
-    """Return a probability in percent; only certainty is 100 %."""
-    if not 0 < probability <= _CERTAIN:
-        return '100 %' if probability else '0 %'
-    text = share_text(probability)
-    return '> 99.9 %' if text == '100.0' else share_percent_text(probability)
 
 
 def retention_table(curves: Sequence[RetentionCurve], title: str, gravity: float) -> Table:

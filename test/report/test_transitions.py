@@ -1,7 +1,5 @@
 """The table of a transition matrix says what the matrix is, in 80 columns."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -24,7 +22,7 @@ def bracket(part):
 def body(found):
     """The lines between the rule below the headings and the caption."""
     rule = next(k for k, line in enumerate(found) if set(line.strip()) == {'─'})
-    end = next(k for k, line in enumerate(found) if re.search('Below each|Prob', line))
+    end = next(k for k, line in enumerate(found) if 'Below each' in line)
     assert all(line.isascii() for line in found[rule + 1 :])
     return [line.split() for line in found[rule + 1 : end] if line]
 
@@ -40,24 +38,6 @@ def test_intervals_are_below_the_probabilities(bracket, lines):
         first, last = map(float, text.split('-'))
         assert first == pytest.approx(100 * low, abs=0.051)
         assert last == pytest.approx(100 * high, abs=0.051)
-
-
-def test_wide_matrix_is_a_list_from_the_most_probable(bracket, lines):
-    counts = np.zeros((5, 9), dtype=np.int64)
-    counts[:, :4] = [700, 100, 100, 50]
-    counts[:, 5:] = [20, 10, 10, 10]
-    matrix = TransitionMatrix(bracket, counts)
-    row = next(row for row in body(lines(transition_table(matrix, False, ''))) if row[0] == '2')
-    assert row[-1] == '1000'
-    assert ' '.join(row[1:]).startswith('1: 70.0 %; 2: 10.0 %; 3: 10.0 %; 4: 5.0 %')
-
-
-def test_listed_probabilities_add_up(many_sided, lines):
-    aspects = find_aspects(many_sided)
-    counts = np.random.default_rng(6).multinomial(2000, np.full(44, 1 / 44), size=40)
-    text = '\n'.join(lines(transition_table(TransitionMatrix(aspects, counts), False, '')))
-    entries = [float(p) for p in re.findall(r':\s+([\d.]+)\s+%', text)]
-    assert sum(entries) == pytest.approx(40 * 100, abs=0.06 * len(entries))
 
 
 def test_closed_classes_and_unreached_aspects_are_named(bracket):
@@ -87,8 +67,8 @@ def test_way_to_wanted_aspects_has_never_and_certainty(bracket):
     table = wanted_table(rows, wanted, *reach(transitions, wanted), 't')
     assert [' '.join(row) for row in table.rows] == [
         '1 wanted 0',
-        '2 100 % 2.00',
+        '2 100.0 % 2.00',
         '3 25.0 % 1.00',
-        '4 0 % never',
+        '4 0.0 % never',
         '5 99.0 % 3.00',
     ]
