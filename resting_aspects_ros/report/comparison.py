@@ -270,12 +270,6 @@ RING = 'all round'
 Ids = npt.NDArray[np.int64]
 
 
-def cluster_intervals(distribution: Distribution, counts: np.ndarray) -> list[Interval]:
-    """Return the share of each cluster in all poses; equal counts are computed once."""
-    by_count = {int(n): interval_of(distribution, int(n)) for n in np.unique(counts)}
-    return [by_count[int(n)] for n in counts]
-
-
 def cluster_table(distribution: Distribution, clusters: Clusters, title: str) -> Table:
     """Return a table of the largest clusters, the other clusters, and the unsettled poses.
 
@@ -286,7 +280,7 @@ def cluster_table(distribution: Distribution, clusters: Clusters, title: str) ->
     table = Table(title, headings, texts={DOWN})
     drops = distribution.drops
     shown = clusters.counts[:MAX_ROWS]
-    for k, interval in enumerate(cluster_intervals(distribution, shown)):
+    for k, interval in enumerate(distribution.intervals()[:MAX_ROWS]):
         table.add_row(
             str(k + 1),
             RING if np.isnan(clusters.mean[k]).any() else direction_text(clusters.mean[k]),
@@ -367,7 +361,7 @@ def cluster_document(
                 **share_fields(int(clusters.counts[k]), interval),
             }
             for k, (mean, interval) in enumerate(
-                zip(clusters.mean, cluster_intervals(distribution, clusters.counts), strict=True)
+                zip(clusters.mean, distribution.intervals(), strict=True)
             )
         ],
     }

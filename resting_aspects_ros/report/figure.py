@@ -108,8 +108,7 @@ def labels_apart(values: Array, gap: float, low: float = 0.0, high: float = np.i
 
 
 MARGIN = 28
-# Sizes of the texts, points, and the widths of their mean characters, pixels.
-TITLE_SIZE, NOTE_SIZE = 12.0, 8.0
+# Widths of the mean characters of a title and a note, and heights of their lines, pixels.
 _TITLE_CHARACTER, _NOTE_CHARACTER = 15.5, 8.4
 _TITLE_LINE, _NOTE_LINE = 32, 22
 
@@ -141,27 +140,15 @@ class Header:
         room = width - 2 * MARGIN
         self._title = _wrapped(title, int(room / _TITLE_CHARACTER))
         self._note = _wrapped(note, int(room / _NOTE_CHARACTER))
-        self.height = (
-            MARGIN + _TITLE_LINE * self._lines(self._title) + _NOTE_LINE * self._lines(self._note)
-        )
+        self._below = MARGIN + _TITLE_LINE * len(self._title.splitlines())
+        self.height = self._below + _NOTE_LINE * len(self._note.splitlines())
 
     def draw(self, axes: 'Axes') -> None:
         """Write both into the upper left corner."""
-        top = axes.get_ylim()[1] - MARGIN
+        top = axes.get_ylim()[1]
         style: dict[str, Any] = {'va': 'top', 'parse_math': False}
-        axes.text(MARGIN, top, self._title, size=TITLE_SIZE, weight='bold', color=TEXT, **style)
-        axes.text(
-            MARGIN,
-            top - _TITLE_LINE * self._lines(self._title),
-            self._note,
-            size=NOTE_SIZE,
-            color=FAINT,
-            **style,
-        )
-
-    @staticmethod
-    def _lines(text: str) -> int:
-        return text.count('\n') + 1 if text else 0
+        axes.text(MARGIN, top - MARGIN, self._title, size=12, weight='bold', color=TEXT, **style)
+        axes.text(MARGIN, top - self._below, self._note, size=8, color=FAINT, **style)
 
 
 def _wrapped(text: str, columns: int) -> str:
