@@ -40,7 +40,6 @@ from resting_aspects_ros.report.format import (
 from resting_aspects_ros.report.page import (
     Chart,
     Facts,
-    Fold,
     Item,
     Page,
     Section,
@@ -392,9 +391,7 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
         transition_note(matrix),
         partial(draw, result.title),
     )
-    yield from _by_class_and_aspect(
-        result, [transition_table(matrix, by_class) for by_class in (True, False)]
-    )
+    yield transition_table(matrix, by_class=True)
     if result.convergence is not None:
         classes = map(aspects_text, matrix.aspects.classes())
         yield Text(result.convergence.text([*classes, *OUTCOMES]).replace('\n', ' '), 'plain')
@@ -405,33 +402,21 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
         yield from _way_items(result, wanted)
 
 
-def _by_class_and_aspect(result: 'ReorientResult', tables: Sequence[Table]) -> Iterator[Item]:
-    """Yield the table by class, and folded that by aspect if it differs."""
-    aspects = result.matrix.aspects
-    yield tables[0]
-    if len(aspects.classes()) < len(aspects):
-        yield Fold('by aspect', [tables[1]])
-
-
 def _long_run_items(result: 'ReorientResult') -> Iterator[Item]:
-    views = [result.by_class(), result]
-    if any(view.long_run is None for view in views):
+    view = result.by_class()
+    if view.long_run is None:
         yield (
             'The shares in the long run are not known: actions from each aspect, and drops that '
             'come to rest in an aspect, are needed for them.'
         )
         return
-    tables = []
-    for view, by_class in zip(views, (True, False), strict=True):
-        assert view.long_run is not None
-        rows = table_rows(result.matrix.aspects, by_class=by_class)
-        confidence = result.matrix.confidence
-        table = long_run_table(
-            rows, view.long_run, *view.long_run_bounds, view.drop_shares, '', confidence
-        )
-        table.caption = long_run_text(rows, view.long_run)
-        tables.append(table)
-    yield from _by_class_and_aspect(result, tables)
+    rows = table_rows(result.matrix.aspects, by_class=True)
+    confidence = result.matrix.confidence
+    table = long_run_table(
+        rows, view.long_run, *view.long_run_bounds, view.drop_shares, '', confidence
+    )
+    table.caption = long_run_text(rows, view.long_run)
+    yield table
     drop = result.drop
     yield (
         'The shares to which repeated actions lead, with '
