@@ -48,22 +48,19 @@ from resting_aspects_ros.report.page import (
     picture_uri,
     reading,
 )
-from resting_aspects_ros.report.picture import picture_part
-from resting_aspects_ros.report.scene_picture import contact_image
+from resting_aspects_ros.report.picture import contact_image, picture_part
 from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.report.transition_figures import (
-    retention_figure,
-    retention_note,
-    transition_figure,
-    transition_note,
-)
 from resting_aspects_ros.report.transitions import (
     long_run_table,
     long_run_text,
     plan_table,
+    retention_figure,
+    retention_note,
     retention_table,
     suffix_of,
     table_rows,
+    transition_figure,
+    transition_note,
     transition_table,
     wanted_table,
 )

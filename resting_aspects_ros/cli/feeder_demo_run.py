@@ -42,7 +42,7 @@ from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.document import to_json as json_text
 from resting_aspects_ros.report.forecast import controlled_fields, controlled_text
-from resting_aspects_ros.report.scene_picture import DrawnPart, save_tray_picture
+from resting_aspects_ros.report.outlines import DrawnPart, save_tray_picture
 from resting_aspects_ros.vision.rolling import KnownPart
 from resting_aspects_ros.vision.tray_image import TrayCamera
 

@@ -1,21 +1,28 @@
-"""Outlines as a document, a table, drawings at true size, and images for vision systems."""
+"""Outlines as a document, a table, drawings at true size, and images, also on that of a tray."""
 
 import io
+import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 import numpy as np
-from shapely import Polygon
-from shapely.affinity import affine_transform
+import shapely
+from scipy.ndimage import gaussian_filter
+from shapely import Polygon, affinity
 
 from resting_aspects_ros.arrays import Array, Bytes
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
+from resting_aspects_ros.report.figure import FAINT, PAPER, TEXT, new_figure
 from resting_aspects_ros.report.format import (
+    COLOURS,
+    GREY,
     ids_text,
     list_text,
     millimetre_texts,
@@ -31,6 +38,10 @@ from resting_aspects_ros.vision.outline import (
     rings,
     same_groups,
 )
+from resting_aspects_ros.vision.tray_image import TrayCamera
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 LookAlikes = Mapping[int, Sequence[LookAlike]]
 
@@ -389,7 +400,7 @@ def outline_image(outline: Outline, px_per_mm: float = PIXELS_PER_MM) -> Outline
     # The origin is a corner of a pixel, so that the images of all classes have the same raster.
     origin = np.array([np.ceil(-left), np.ceil(high)]) + MARGIN
     width, height = np.ceil([right, -low]) + origin + MARGIN
-    polygon = affine_transform(outline.polygon, [scale, 0, 0, -scale, *origin])
+    polygon = affinity.affine_transform(outline.polygon, [scale, 0, 0, -scale, *origin])
     covered = covered_share(polygon, int(width), int(height))
     return OutlineImage(outline.symmetry_class, scale, origin, polygon, covered)
 
@@ -471,3 +482,109 @@ def template_name(symmetry_class: int) -> str:
 def mask_name(symmetry_class: int) -> str:
     """Return the name of the mask of a class."""
     return f'class_{symmetry_class}_mask.png'
+
+
+# -- Picture of a tray ----------------------------------------------------------------------------
+
+
+# Inches.
+_WIDTH, _HEAD, _FOOT, _SIDE = 6.2, 0.78, 0.42, 0.12
+DOTS_PER_INCH = 130
+_CHARACTERS = 84
+
+
+@dataclass(frozen=True)
+class DrawnPart:
+    """What a vision system has seen.
+
+    symmetry_class : int
+        0: not recognised, or parts that touch.
+    x, y, yaw : float
+        Camera pose, m and rad.
+    rank : int
+        Place among the parts to be picked, from 1; 0: it is not picked.
+    """
+
+    symmetry_class: int
+    x: float
+    y: float
+    yaw: float
+    rank: int = 0
+
+
+def save_tray_picture(
+    path: Path,
+    image: Bytes,
+    camera: TrayCamera,
+    parts: Sequence[DrawnPart],
+    outlines: Sequence[Outline],
+    title: str,
+    reason: str,
+    pickable: Sequence[int],
+) -> None:
+    """Write a PNG file with the image of a tray (height, width), outlines of parts, and advice.
+
+    ``outlines`` are those of all classes, and ``pickable`` the numbers of the pickable ones.
+    ``title`` and ``reason`` are the advice in a few words, and its reason.
+    """
+    width, height = camera.size
+    size = _WIDTH - 2 * _SIDE
+    drawn = size * height / width
+    total = _HEAD + drawn + _FOOT
+    figure = new_figure(_WIDTH, total)
+    axes = figure.add_axes((_SIDE / _WIDTH, _FOOT / total, size / _WIDTH, drawn / total))
+    # Half of the contrast, so that outlines and numbers stand out.
+    # Without the noise, the file is a fifth as large.
+    smooth = 8 * np.rint(gaussian_filter(image.astype(np.float32), 1.5) / 8)
+    axes.imshow(smooth, cmap='gray', vmin=-180, vmax=235, interpolation='nearest')
+    axes.set_axis_off()
+    for part in parts:
+        _draw_part(axes, part, camera, outlines)
+    left = _SIDE / _WIDTH
+    figure.text(left, 1 - 0.3 / total, title, size=11, weight='bold', color=TEXT)
+    text = '\n'.join(textwrap.wrap(reason, _CHARACTERS)[:2])
+    figure.text(left, 1 - 0.44 / total, text, size=8, color=FAINT, va='top')
+    seen = sorted({part.symmetry_class for part in parts})
+    x = left
+    for number in seen:
+        name = 'not recognised, or touching'
+        if number:
+            name = f'class {number}' + (', pickable' if number in pickable else '')
+        figure.text(x, 0.15 / total, '■', size=10, color=_colour(number))
+        figure.text(x + 0.15 / _WIDTH, 0.16 / total, name, size=8, color=TEXT)
+        x += (0.33 + 0.066 * len(name)) / _WIDTH
+    figure.savefig(path, format='png', dpi=DOTS_PER_INCH, facecolor=PAPER)
+
+
+def _draw_part(
+    axes: 'Axes', part: DrawnPart, camera: TrayCamera, outlines: Sequence[Outline]
+) -> None:
+    """Draw the outline of a part with its class, or its place among the picks."""
+    colour = _colour(part.symmetry_class)
+    (point,) = camera.model.to_image([[part.x, part.y]])
+    if part.symmetry_class:
+        outline = outlines[part.symmetry_class - 1].polygon
+        turned = affinity.rotate(outline, part.yaw, origin=(0, 0), use_radians=True)
+        polygon = camera.to_image(affinity.translate(turned, part.x, part.y))
+        for ring in (polygon.exterior, *polygon.interiors):
+            u, v = shapely.get_coordinates(ring).T
+            axes.plot(u, v, color=colour, linewidth=2.6 if part.rank else 1.4)
+        (point,) = shapely.get_coordinates(polygon.representative_point())
+    box = {'boxstyle': 'circle,pad=0.25', 'facecolor': colour, 'edgecolor': PAPER}
+    text = f'{part.rank}' if part.rank else '' if part.symmetry_class else '?'
+    if text:
+        axes.text(
+            float(point[0]),
+            float(point[1]),
+            text,
+            bbox=box if part.rank else None,
+            ha='center',
+            va='center',
+            color=PAPER,
+            size=9,
+            weight='bold',
+        )
+
+
+def _colour(symmetry_class: int) -> str:
+    return COLOURS[(symmetry_class - 1) % len(COLOURS)] if symmetry_class else GREY

@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.format import aspect_colour
-from resting_aspects_ros.report.transition_figures import retention_figure, transition_figure
+from resting_aspects_ros.report.transitions import retention_figure, transition_figure
 from resting_aspects_ros.statistics.transitions import RetentionCurve, TransitionMatrix
 
 
