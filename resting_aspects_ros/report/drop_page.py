@@ -344,11 +344,14 @@ def outcome_rows(
     found = []
     for k, (row, height) in enumerate(zip(rows, heights, strict=True)):
         oblique, above, small = drawn.pictures(k)
+        note = OUTSIDE.get(row.name, '')
+        if len(row.aspects) > 1:
+            note = f'{len(row.aspects)} aspects that look the same'
         found.append(
             OutcomeRow(
                 name=row.name,
                 short=short_name(row),
-                note=_note(row),
+                note=note,
                 colour=row.colour,
                 count=row.count,
                 **share_fields(row, distribution.drops, longest),
@@ -366,8 +369,9 @@ def share_fields(row: Row, drops: int, longest: float) -> dict[str, Any]:
 
     A bar has the full width at the longest share.
     """
+    seen = probability_text(row.interval) if row.count else 'never seen'
     return {
-        'probability': _probability(row, drops),
+        'probability': seen if drops else 'no drops',
         'interval': interval_text(row.interval),
         'bar': _bar(row.interval, longest),
         'model': row.model and _bar(row.model, longest)[1:],
@@ -379,18 +383,6 @@ def largest_rows(rows: Sequence[OutcomeRow]) -> list[OutcomeRow]:
     """Return the ``MAX_SHOWN`` rows with the most drops, in their original order."""
     order = sorted(range(len(rows)), key=lambda k: -rows[k].count)
     return [rows[k] for k in sorted(order[:MAX_SHOWN])]
-
-
-def _note(row: Row) -> str:
-    if not row.aspects:
-        return OUTSIDE[row.name]
-    return f'{len(row.aspects)} aspects that look the same' if len(row.aspects) > 1 else ''
-
-
-def _probability(row: Row, drops: int) -> str:
-    if not drops:
-        return 'no drops'
-    return probability_text(row.interval) if row.count else 'never seen'
 
 
 def _bar(interval: Interval, longest: float) -> tuple[float, float, float]:

@@ -16,7 +16,6 @@ from resting_aspects_ros.report.format import (
     Row,
     aspect_rows,
     aspects_heading,
-    aspects_text,
     class_of,
     class_rows,
     decimals_of,
@@ -93,28 +92,6 @@ def _interval_and_range(row: Row) -> str:
 def model_text(row: Row) -> str:
     """Return the model range of a row, as '41 to 66 %'."""
     return NOTHING if row.model is None else interval_text(row.model)
-
-
-def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
-    """Describe the aspects in which no drop ended; empty if there are none."""
-    texts = [
-        f'{row.name} (at most {100 * row.interval.upper:.2g} %)'
-        for row in (aspect_rows(distribution) if each else class_rows(distribution))
-        if not row.count
-    ]
-    return f'Never seen: {", ".join(texts)}.' if texts and distribution.drops else ''
-
-
-def merged_text(aspects: AspectSet) -> str:
-    """Describe the barriers that were ignored to find the aspects; empty if there are none."""
-    having = tuple(aspect for aspect in aspects if aspect.merged > 0)
-    if not having:
-        return ''
-    highest = max(1e-3, 1000 * max(aspect.merged for aspect in having))
-    return (
-        f'Ignored in {aspects_text(having)}: barriers of up to {highest:.2g} mm, which the mesh '
-        'or noise explains.'
-    )
 
 
 def _each_text(row: Row, drops: int) -> str:
@@ -294,11 +271,6 @@ def estimate_table(
             texts = [text_of(deviations[m]) if m in deviations else NOTHING for m in shares]
             table.add_row('', '', name, *texts)
     return table
-
-
-def legend(methods: Sequence[str]) -> list[str]:
-    """Return a line for each method: its name on the command line, its label and its meaning."""
-    return [f'{name:<16}{METHODS[name].label}: {METHODS[name].meaning}' for name in methods]
 
 
 def estimate_document(

@@ -1,7 +1,6 @@
 """Pictures of a part: a renderer, coarse meshes, poses on the tray, and contacts with planes."""
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -9,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_dilation, uniform_filter
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
@@ -310,6 +308,8 @@ def _on_surface(points: Array) -> Array:
 
 
 def _draw_part(solid: PosedPart, colour: Array, scale: float, pixels: int, view: Array) -> Image:
+    from scipy.ndimage import binary_dilation, uniform_filter
+
     size = pixels * FINE
     shadow_points = _on_surface(solid.points)
     both = np.concatenate([solid.points, shadow_points]) @ view[:2].T * scale
@@ -355,7 +355,7 @@ def downsample(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:
 # Distance between neighbouring centres of mass, hull radii R: no point of a part is further than
 # R from its centre of mass.
 PITCH = 2.5
-# Aspects in a row of the grid. More than ROW * ROW aspects are arranged in a square.
+# Aspects in a row of the grid.
 ROW = 6
 # Maximum number of triangles of all aspects together: a message of 1.4 MB, sent in 20 ms.
 MAX_TRIANGLES = 20_000
@@ -409,7 +409,7 @@ def _coarse_part(part: Part, max_faces: int) -> Part:
 
 def _places(count: int) -> Array:
     """Return (count, 2) x and y on a grid of unit steps around the origin."""
-    columns = min(max(ROW, math.ceil(math.sqrt(count))), max(count, 1))
+    columns = min(ROW, max(count, 1))
     number = np.arange(count)
     x, y = number % columns, -(number // columns)
     rows = -(-count // columns)
@@ -552,6 +552,8 @@ def _drawn_meshes(
     framed: Sequence[Mesh], patches: Sequence[Mesh], view: Array, pixels: int
 ) -> Image:
     """Return the picture of meshes that fill it, the part first, and of the planes below them."""
+    from scipy.ndimage import binary_dilation
+
     meshes = [*framed, *patches]
     starts = np.cumsum([0, *(len(points) for points, _, _ in meshes)])
     points = np.concatenate([points for points, _, _ in meshes])
