@@ -96,8 +96,7 @@ class ComparisonResult(Result):
     @property
     def verdict(self) -> str:
         """Return a sentence that states whether chance explains the difference."""
-        sides = self.sides
-        return verdict(self.comparison, [f'{sides.what} {name}' for name in sides.names])
+        return verdict(self.comparison, self.sides)
 
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects compare --json` prints."""

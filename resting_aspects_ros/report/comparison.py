@@ -229,28 +229,25 @@ def comparison_document(
     }
 
 
-def verdict(comparison: Comparison, names: Sequence[str]) -> str:
+def verdict(comparison: Comparison, sides: ComparedResults) -> str:
     """State whether the sides differ by more than chance explains, and where they differ most.
 
-    The confidence of the comparison is the level of the test. ``names`` are those of the rows.
+    The confidence of the comparison is the level of the test.
     """
-    p_value = comparison.p_value
-    if p_value >= 1 - comparison.confidence:
-        return f'The distributions do not differ significantly ({p_text(p_value)}).'
+    p_value = p_text(comparison.p_value)
+    if comparison.p_value >= 1 - comparison.confidence:
+        return f'The distributions do not differ significantly ({p_value}).'
     certain = np.flatnonzero((comparison.lower > 0) | (comparison.upper < 0))
-    among = certain if len(certain) else np.arange(len(names))
+    among = certain if len(certain) else np.arange(len(sides.ids))
     k = int(among[np.abs(comparison.deviation[among]).argmax()])
-    deviation, bounds = float(comparison.deviation[k]), (comparison.lower[k], comparison.upper[k])
-    ends = np.sort(np.sign(deviation) * np.array(bounds))
-    decimals = min(decimals_of(Interval(0, *bounds)), 1)
-    size, low, high = (f'{100 * x + 0.0:.{decimals}f}' for x in (abs(deviation), *ends))
-    interval = f'{100 * comparison.confidence:.10g} % interval {low} to {high}'
+    difference = (
+        f'{difference_texts(comparison, sides)[k]} points in {sides.what} {sides.names[k]}'
+    )
     if len(certain):
-        return f'They differ by {size} points in {names[k]} ({interval}; {p_text(p_value)}).'
-    what = names[k].split()[0]
+        return f'They differ by {difference} ({p_value}).'
     return (
-        f'They differ significantly ({p_text(p_value)}), but no single {what} does: the largest '
-        f'difference is {size} points in {names[k]} ({interval}).'
+        f'They differ significantly ({p_value}), but no single {sides.what} does: the largest '
+        f'difference is {difference}.'
     )
 
 

@@ -101,7 +101,6 @@ def share_fields(count: int, interval: Interval) -> dict[str, object]:
 
 
 def _shares(distribution: Distribution) -> list[dict[str, object]]:
-    """Return the share of each aspect with its interval and its model range."""
     rows = zip(
         distribution.counts.tolist(),
         distribution.intervals(),

@@ -96,7 +96,6 @@ def drift_notes(test: DriftTest, shift: float, needed: int | None) -> str:
 
 
 def _scatter_sentence(test: DriftTest) -> str:
-    """Return by how much batches scatter more than by chance."""
     scatter = test.scatter
     if scatter is None:
         return 'There are too few batches to tell whether they scatter more than by chance.'

@@ -30,6 +30,7 @@ from resting_aspects_ros.report.format import (
     interval_of,
     interval_text,
     model_range,
+    most_frequent,
     outside_rows,
     probability_text,
     rgb,
@@ -68,7 +69,7 @@ def convergence_figure(
     of each row after each of the ``drops``, (m,), ascending.
     """
     figure = new_figure(width, 3.6)
-    shown = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MAX_LINES])
+    shown = most_frequent([row.count for row in rows], MAX_LINES)
     names = {k: short_name(rows[k]) if width <= NARROW else rows[k].name for k in shown}
     labels = {k: f'{names[k]}: {probability_text(rows[k].interval)}' for k in shown}
     left, right = 0.5, 0.25 + 0.07 * max(map(len, labels.values()), default=0)  # inches
@@ -356,11 +357,9 @@ def distribution_figure(
 def _rows(distribution: Distribution) -> list[Row]:
     """Return the rows from top to bottom: classes, the other classes together, other outcomes."""
     rows = class_rows(distribution)
-    counts = np.array([row.count for row in rows])
-    shown = np.sort(np.argsort(-counts, kind='stable')[:MAX_SHOWN])
-    kept = [rows[k] for k in shown]
+    kept = [rows[k] for k in most_frequent([row.count for row in rows], MAX_SHOWN)]
     if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in kept):
-        count = int(counts.sum() - counts[shown].sum())
+        count = sum(row.count for row in rows) - sum(row.count for row in kept)
         kept.append(Row(f'{others} other aspects', count, interval_of(distribution, count), GREY))
     return [*kept, *outside_rows(distribution)]
 
@@ -374,7 +373,6 @@ def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
 def _draw_bars(
     axes: 'Axes', rows: Sequence[Row], middles: Sequence[float], distribution: Distribution
 ) -> None:
-    """Draw bars at the heights ``middles``, pixels, with whiskers and texts, and the axis."""
     for row, middle in zip(rows, middles, strict=True):
         _draw_bar(axes, row, middle, distribution.drops)
     longest = max((row.upper for row in rows), default=1.0)

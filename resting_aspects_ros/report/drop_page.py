@@ -39,6 +39,7 @@ from resting_aspects_ros.report.format import (
     interval_text,
     millimetre_texts,
     model_range,
+    most_frequent,
     outside_rows,
     probability_text,
     rgb,
@@ -257,7 +258,7 @@ def _top(
         yield View(data, shown[0].oblique, shown[0].name, shown[0].probability, hint)
     rows = [*drawn.rows, *drawn.outside]
     images = [*drawn.oblique, *[None] * (len(rows) - len(drawn.oblique))]
-    bars = largest_rows(shown)
+    bars = [shown[k] for k in most_frequent([row.count for row in shown], MAX_SHOWN)]
     caption = f'Share of each outcome in all {distribution.drops} drops, with {spread}.'
     if distribution.model is not None:
         caption += ' The thin bars below are the model ranges.'
@@ -298,7 +299,7 @@ def comparison_items(
         f'difference, {first} minus {second}, in percentage points, with simultaneous '
         f'{confidence} % bounds.',
     )
-    yield Text(verdict(comparison, [row.name for row in rows]), 'verdict')
+    yield Text(verdict(comparison, sides), 'verdict')
     yield comparison_table(comparison, sides, '')
     yield Facts(list(measures(comparison, sides).items()))
 
@@ -377,12 +378,6 @@ def share_fields(row: Row, drops: int, longest: float) -> dict[str, Any]:
         'model': row.model and _bar(row.model, longest)[1:],
         'model_text': '' if row.model is None else model_range(row.model),
     }
-
-
-def largest_rows(rows: Sequence[OutcomeRow]) -> list[OutcomeRow]:
-    """Return the ``MAX_SHOWN`` rows with the most drops, in their original order."""
-    order = sorted(range(len(rows)), key=lambda k: -rows[k].count)
-    return [rows[k] for k in sorted(order[:MAX_SHOWN])]
 
 
 def _bar(interval: Interval, longest: float) -> tuple[float, float, float]:

@@ -31,7 +31,7 @@ from resting_aspects_ros.report.format import (
 from resting_aspects_ros.report.table import DOWN, NOTHING, RESTS_ON, Number, Table
 from resting_aspects_ros.statistics.comparison import Comparison, DropCounts
 from resting_aspects_ros.statistics.distribution import Distribution, Placements
-from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval, intervals
+from resting_aspects_ros.statistics.intervals import Interval, intervals
 
 # Heading of the model range.
 MODEL_RANGE = 'model\nrange'
@@ -95,7 +95,6 @@ def model_text(row: Row) -> str:
 
 
 def _each_text(row: Row, drops: int) -> str:
-    """Return the mean probability of the aspects of a row."""
     if len(row.aspects) < 2 or not drops:
         return ''
     share = 100 * row.interval.probability / len(row.aspects)
@@ -155,7 +154,6 @@ def _barrier_text(aspect: Aspect) -> str:
 
 
 def _to_text(aspect: Aspect, classes: list[tuple[Aspect, ...]] | None) -> str:
-    """Return the aspect behind the minimum barrier, or all aspects of its class."""
     if not aspect.neighbour:
         return '-'
     if classes is None:
@@ -281,52 +279,22 @@ def estimate_document(
     If a method is not defined for the part, its ``aspects`` are empty and ``not_defined`` is the
     reason, otherwise null.
     """
+    methods = {}
+    for name in METHODS:
+        found = estimates.get(name)
+        if found is not None or name in reasons:
+            methods[name] = {
+                'source': METHODS[name].source,
+                'not_defined': reasons.get(name),
+                'aspects': _rows(found.probabilities) if found else [],
+                'classes': _rows(found.class_probabilities()) if found else [],
+            }
     return {
         'schema_version': SCHEMA_VERSION,
         'part': part.name,
         'mesh_sha256': part.mesh_sha256,
         'part_sha256': part.part_sha256,
-        'methods': {
-            name: {
-                'source': METHODS[name].source,
-                'not_defined': reasons.get(name),
-                'aspects': _rows(estimates[name].probabilities) if name in estimates else [],
-                'classes': _rows(estimates[name].class_probabilities())
-                if name in estimates
-                else [],
-            }
-            for name in METHODS
-            if name in estimates or name in reasons
-        },
-    }
-
-
-def against_fields(
-    path: str, tally: DropCounts, deviations: Mapping[str, Comparison], *, by_class: bool
-) -> dict[str, object]:
-    """Return the reference counts, and the deviation of each method from them.
-
-    Shares refer to the drops that are in an aspect.
-    """
-    many, one = ('classes', 'class') if by_class else ('aspects', 'aspect')
-    shares = intervals(tally.counts, int(tally.counts.sum()))
-    return {
-        'file': path,
-        'drops': tally.drops,
-        'confidence': CONFIDENCE,
-        many: [
-            {'id': k, **share_fields(int(count), each)}
-            for k, (count, each) in enumerate(zip(tally.counts, shares, strict=True), start=1)
-        ],
-        'methods': {
-            name: {
-                'mean_deviation': each.mean_deviation,
-                'largest_deviation': abs(each.largest_deviation),
-                f'largest_{one}': each.largest_aspect,
-                'p_value': each.p_value,
-            }
-            for name, each in deviations.items()
-        },
+        'methods': methods,
     }
 
 

@@ -316,7 +316,6 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
 
 
 def _points(curve: Curve) -> list[dict[str, Any]]:
-    """Return the fields of each point of the curve."""
     columns = {
         'number': curve.number,
         'parts_per_minute': curve.rate,
@@ -406,7 +405,6 @@ def _draw_empty(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
 
 
 def _name(axes: 'Axes', text: str) -> None:
-    """Write what a chart shows above its left end."""
     axes.annotate(
         text,
         (0, 1),

@@ -236,6 +236,11 @@ def outside_rows(distribution: Distribution) -> list[Row]:
     ]
 
 
+def most_frequent(counts: Sequence[int], number: int) -> list[int]:
+    """Return the indices of the ``number`` largest counts, ascending."""
+    return sorted(sorted(range(len(counts)), key=lambda k: -counts[k])[:number])
+
+
 def ids_text(aspects: tuple[Aspect, ...]) -> str:
     """Return the ids as '3', '1 and 2', '1, 2 and 4', '1 to 6' or '1, 3, ... 30'."""
     ids = [aspect.id for aspect in aspects]

@@ -237,7 +237,6 @@ def _order(entry: LookAlike) -> tuple[int, float]:
 
 
 def _same_text(outlines: Sequence[Outline]) -> str:
-    """Return what distinguishes classes with the same outline."""
     classes = numbers_text([each.symmetry_class for each in outlines])
     heights = sorted(each.height for each in outlines)
     clear = [high - low > HEIGHT_DIFFERENCE * high for low, high in pairwise(heights)]

@@ -299,7 +299,6 @@ def _charts(items: Sequence[Item]) -> Iterator[Chart]:
 
 
 def _inline(chart: Chart) -> tuple[str, dict[str, Any]]:
-    """Return the SVG text of a figure, and what the template needs to show it."""
     figure = chart.draw()
     svg = svg_text(figure)
     prefix = chart.name.replace('_', '-')

@@ -257,7 +257,6 @@ def draw_parts(
 
 
 def _untransformed(part: Part) -> PosedPart:
-    """Return the part in the pose of its mesh."""
     points, faces = np.array(part.vertices), visible_faces(part)
     normals = face_normals(points[faces])
     twice = np.linalg.norm(normals, axis=1)
@@ -287,7 +286,6 @@ def _posed(solid: PosedPart, aspect: Aspect) -> PosedPart:
 
 
 def _on_tray(solid: PosedPart, orientation: Array) -> PosedPart:
-    """Return the part with this orientation, in contact with the surface."""
     points = rotate(orientation, solid.points)
     points[:, 2] -= points[:, 2].min()
     normals = rotate(orientation, solid.normals)
@@ -490,7 +488,6 @@ def _part_mesh(part: Part, orientation: Array, place: Array, colour: Array) -> M
 
 
 def _axes(normal: Array) -> Array:
-    """Return (2, 3) unit vectors along a plane; the first is level."""
     level = np.cross([0.0, 0.0, 1.0], normal)
     first = np.array([1.0, 0.0, 0.0]) if np.linalg.norm(level) < 1e-6 else level
     first = first - normal * (first @ normal)

@@ -121,7 +121,6 @@ def _draw_row(axes: 'Axes', row: SheetRow, top: float) -> None:
 
 
 def _draw_boxes(axes: 'Axes', top: float, colour: str) -> None:
-    """Draw two lines of tally boxes and, to their right, one for the total."""
     from matplotlib.patches import Rectangle
 
     corners = product(range(2), range(BOXES))
@@ -241,7 +240,6 @@ def _yaw(one: Array, other: Array) -> float:
 
 
 def _centred(polygon: Polygon) -> Polygon:
-    """Return the polygon in mm, with the middle of its bounding box at 0."""
     left, low, right, high = polygon.bounds
     middle = translate(polygon, -(left + right) / 2, -(low + high) / 2)
     return scale(middle, MM, MM, origin=(0, 0))

@@ -152,7 +152,6 @@ class Table:
 
 
 def _wrapped(text: str) -> str:
-    """Return a text in lines of at most WIDTH characters."""
     return '\n'.join(
         textwrap.fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
         for line in text.split('\n')

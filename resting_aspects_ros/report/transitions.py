@@ -31,6 +31,7 @@ from resting_aspects_ros.report.format import (
     ids_text,
     interval_text,
     millimetres_text,
+    most_frequent,
     number_text,
     percent_text,
     probability_text,
@@ -245,7 +246,6 @@ def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Ta
 
 
 def _names(rows: Rows, indices: Sequence[int]) -> str:
-    """Return the ids of all aspects of some rows, as 'aspects 1 and 2'."""
     aspects = sorted((a for k in indices for a in rows[k]), key=lambda aspect: aspect.id)
     return aspects_text(tuple(aspects))
 
@@ -425,8 +425,7 @@ def _arranged(
     by_class = len(matrix.counts) > MAX_ROWS
     rows = table_rows(matrix.aspects, by_class=by_class)
     matrix = matrix.by_class() if by_class else matrix
-    arrivals = matrix.counts[:, : len(rows)].sum(axis=0)
-    kept = np.sort(np.argsort(-arrivals, kind='stable')[:MAX_ROWS]).tolist()
+    kept = most_frequent(matrix.counts[:, : len(rows)].sum(axis=0).tolist(), MAX_ROWS)
     return matrix, [rows[k] for k in kept], kept
 
 
@@ -505,7 +504,6 @@ def _write_cell(axes: 'Axes', interval: Interval, x: float, y: float) -> None:
 
 
 def _mixed(first: str, last: str, share: float) -> tuple[float, float, float]:
-    """Return the colour at ``share`` of the way from the first to the last."""
     red, green, blue = (a + share * (b - a) for a, b in zip(rgb(first), rgb(last), strict=True))
     return red, green, blue
 
