@@ -29,8 +29,8 @@ from resting_aspects_ros.report.format import (
     class_rows,
     interval_of,
     interval_text,
+    largest_counts,
     model_range,
-    most_frequent,
     outside_rows,
     probability_text,
     rgb,
@@ -69,7 +69,7 @@ def convergence_figure(
     of each row after each of the ``drops``, (m,), ascending.
     """
     figure = new_figure(width, 3.6)
-    shown = most_frequent([row.count for row in rows], MAX_LINES)
+    shown = largest_counts([row.count for row in rows], MAX_LINES)
     names = {k: short_name(rows[k]) if width <= NARROW else rows[k].name for k in shown}
     labels = {k: f'{names[k]}: {probability_text(rows[k].interval)}' for k in shown}
     left, right = 0.5, 0.25 + 0.07 * max(map(len, labels.values()), default=0)  # inches
@@ -357,7 +357,7 @@ def distribution_figure(
 def _rows(distribution: Distribution) -> list[Row]:
     """Return the rows from top to bottom: classes, the other classes together, other outcomes."""
     rows = class_rows(distribution)
-    kept = [rows[k] for k in most_frequent([row.count for row in rows], MAX_SHOWN)]
+    kept = [rows[k] for k in largest_counts([row.count for row in rows], MAX_SHOWN)]
     if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in kept):
         count = sum(row.count for row in rows) - sum(row.count for row in kept)
         kept.append(Row(f'{others} other aspects', count, interval_of(distribution, count), GREY))

@@ -37,9 +37,9 @@ from resting_aspects_ros.report.format import (
     class_of,
     class_rows,
     interval_text,
+    largest_counts,
     millimetre_texts,
     model_range,
-    most_frequent,
     outside_rows,
     probability_text,
     rgb,
@@ -258,7 +258,7 @@ def _top(
         yield View(data, shown[0].oblique, shown[0].name, shown[0].probability, hint)
     rows = [*drawn.rows, *drawn.outside]
     images = [*drawn.oblique, *[None] * (len(rows) - len(drawn.oblique))]
-    bars = [shown[k] for k in most_frequent([row.count for row in shown], MAX_SHOWN)]
+    bars = [shown[k] for k in largest_counts([row.count for row in shown], MAX_SHOWN)]
     caption = f'Share of each outcome in all {distribution.drops} drops, with {spread}.'
     if distribution.model is not None:
         caption += ' The thin bars below are the model ranges.'

@@ -236,7 +236,7 @@ def outside_rows(distribution: Distribution) -> list[Row]:
     ]
 
 
-def most_frequent(counts: Sequence[int], number: int) -> list[int]:
+def largest_counts(counts: Sequence[int], number: int) -> list[int]:
     """Return the indices of the ``number`` largest counts, ascending."""
     return sorted(sorted(range(len(counts)), key=lambda k: -counts[k])[:number])
 

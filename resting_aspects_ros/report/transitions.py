@@ -30,8 +30,8 @@ from resting_aspects_ros.report.format import (
     decimals_of,
     ids_text,
     interval_text,
+    largest_counts,
     millimetres_text,
-    most_frequent,
     number_text,
     percent_text,
     probability_text,
@@ -101,19 +101,19 @@ def transition_table(matrix: TransitionMatrix, by_class: bool, title: str = '') 
 
 def shown_columns(matrix: TransitionMatrix) -> list[int]:
     """Return the columns of all aspects, and of the outcomes in no aspect that occurred."""
-    occurred = matrix.counts.any(axis=0)
+    occurred = np.asarray(matrix.counts.any(axis=0))
     rows = len(matrix.counts)
     return [c for c in range(len(occurred)) if c < rows or occurred[c]]
 
 
 def matrix_intervals(matrix: TransitionMatrix) -> list[list[Interval]]:
     """Return the probabilities of each row with their bounds; none in a row without actions."""
-    lower, upper = matrix.bounds()
-    zipped = zip(matrix.probability, lower, upper, matrix.actions, strict=True)
-    return [
-        [Interval(*map(float, values)) for values in zip(*row, strict=True)] if actions else []
-        for *row, actions in zipped
-    ]
+    probability, (lower, upper) = matrix.probability, matrix.bounds()
+    rows: list[list[Interval]] = [[] for _ in probability]
+    for k in np.flatnonzero(matrix.actions):
+        values = zip(probability[k].tolist(), lower[k].tolist(), upper[k].tolist(), strict=True)
+        rows[k] = [Interval(*each) for each in values]
+    return rows
 
 
 def _with_bounds(interval: Interval) -> str:
@@ -425,7 +425,7 @@ def _arranged(
     by_class = len(matrix.counts) > MAX_ROWS
     rows = table_rows(matrix.aspects, by_class=by_class)
     matrix = matrix.by_class() if by_class else matrix
-    kept = most_frequent(matrix.counts[:, : len(rows)].sum(axis=0).tolist(), MAX_ROWS)
+    kept = largest_counts(matrix.counts[:, : len(rows)].sum(axis=0).tolist(), MAX_ROWS)
     return matrix, [rows[k] for k in kept], kept
 
 
