@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -56,9 +56,6 @@ from resting_aspects_ros.statistics.intervals import (
 )
 from resting_aspects_ros.statistics.transitions import TransitionMatrix, no_actions
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 # Seed of the random tables of a p value, so that equal inputs give equal results.
 SEED = 1
 MAX_LISTED = 20
@@ -84,10 +81,9 @@ class ComparisonResult(Result):
     def sides(self) -> ComparedResults:
         """Return both sides, as reports show them."""
         a, b = self.a, self.b
-        down = a.down if a.down is not None else b.down
         what: Literal['aspect', 'class'] = 'class' if a.by_class else 'aspect'
         models = a.model, b.model
-        return ComparedResults(a.ids, down, a.tally, b.tally, what, a.names, models=models)
+        return ComparedResults(a.ids, a.names, a.tally, b.tally, what, models=models)
 
     @property
     def range_texts(self) -> list[str]:
@@ -100,8 +96,7 @@ class ComparisonResult(Result):
     @property
     def verdict(self) -> str:
         """Return a sentence that states whether chance explains the difference."""
-        sides = self.sides
-        return verdict(self.comparison, [f'{sides.what} {name}' for name in sides.names])
+        return verdict(self.comparison, self.sides)
 
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects compare --json` prints."""
@@ -309,13 +304,6 @@ class DriftResult(Result):
             'shift': self.shift,
             'parts_needed': self.needed,
         }
-
-    def figure(self) -> 'Figure':
-        """Return the shares in each window."""
-        # This import takes about a second.
-        from resting_aspects_ros.report.drift import drift_figure
-
-        return drift_figure(self.test)
 
 
 def watch_drift(

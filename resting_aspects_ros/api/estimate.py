@@ -19,7 +19,7 @@ from resting_aspects_ros.aspects.estimate import (
 )
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.drops import against_fields, estimate_document
+from resting_aspects_ros.report.drops import estimate_document
 from resting_aspects_ros.statistics.comparison import (
     Comparison,
     DropCounts,
@@ -84,15 +84,7 @@ class EstimateResult(Result):
 
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects estimate --json` prints."""
-        document = estimate_document(self.part, self.estimates, self.not_defined)
-        if (counted := self.counted(by_class=False)) is not None and self.against is not None:
-            document['against'] = against_fields(
-                self.against.source,
-                counted,
-                self.comparisons(by_class=False),
-                by_class=self.against.by_class,
-            )
-        return document
+        return estimate_document(self.part, self.estimates, self.not_defined)
 
 
 def estimate(

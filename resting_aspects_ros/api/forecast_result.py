@@ -12,12 +12,11 @@ from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import (
+    FORECAST_NOTE,
     NamedForecast,
     cell_text,
-    curve_table,
     forecast_fields,
     forecast_figure,
-    forecast_note,
     forecast_notes,
     forecast_sentence,
     forecast_table,
@@ -27,7 +26,6 @@ from resting_aspects_ros.report.forecast import (
 from resting_aspects_ros.report.format import numbers_text
 from resting_aspects_ros.report.page import (
     Chart,
-    Fold,
     Item,
     Page,
     Section,
@@ -198,7 +196,7 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
         FIGURE,
         'Line charts of parts per minute and of cycles without a pick against the number of parts',
         partial(forecast_figure, forecasts, ''),
-        forecast_note(forecasts),
+        FORECAST_NOTE,
         partial(first.figure, others),
     )
     yield forecast_table(forecasts)
@@ -211,10 +209,6 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
         f'confidence. The parts of a single run of {forecasts[0].forecast.minutes:g} minutes vary '
         'more.'
     )
-    folded: list[Item] = []
-    for each in forecasts:
-        folded += [*([Text(each.title, 'part')] if several else []), curve_table(each)]
-    yield Fold('all numbers of parts', folded)
 
 
 def _mix_items(results: Sequence[ForecastResult]) -> Iterator[Item]:

@@ -38,7 +38,6 @@ from resting_aspects_ros.report.format import (
 )
 from resting_aspects_ros.report.page import (
     Chart,
-    Fold,
     Item,
     Page,
     Section,
@@ -47,24 +46,20 @@ from resting_aspects_ros.report.page import (
     picture_uri,
     reading,
 )
-from resting_aspects_ros.report.picture import picture_part
-from resting_aspects_ros.report.scene_picture import contact_image
+from resting_aspects_ros.report.picture import contact_image, picture_part
 from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.report.transition_figures import (
-    retention_figure,
-    retention_note,
-    transition_figure,
-    transition_note,
-)
 from resting_aspects_ros.report.transitions import (
-    interval_table,
     long_run_table,
     long_run_text,
     plan_table,
-    retention_counts_table,
+    retention_figure,
+    retention_note,
     retention_table,
     suffix_of,
     table_rows,
+    transition_figure,
+    transition_note,
+    transition_table,
     wanted_table,
 )
 from resting_aspects_ros.simulation.conditions import DropConditions, quantities_of
@@ -136,11 +131,10 @@ def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, 
     classes = result.distribution.aspects.classes()
     sides = ComparedResults(
         tuple(members[0].symmetry_class for members in classes),
-        None,
+        tuple(map(ids_text, classes)),
         counted,
         tally,
         'class',
-        tuple(map(ids_text, classes)),
         ('simulated', printable(Path(against.source).name)),
         (own.model, against.model),
     )
@@ -253,7 +247,7 @@ def contact_page_table(result: 'DropResult') -> Table | None:
     if part is None or contacts is None:
         return None
     planes = contact_planes(scene_of(part, result.run.conditions))
-    drawn = picture_part(part, distribution.aspects)
+    drawn = picture_part(part)
     table = contact_table(contacts, distribution)
     table.picture_width = PIXELS // 2
     rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
@@ -350,7 +344,6 @@ def reorientation_page(
             **dict(zip(runs, map(_action_run_facts, results), strict=True)),
         },
         notes=warning_notes(first.part),
-        contents=len(results) > 1,
         names=file_names(PAGE, [HEAT_MAP + suffix_of(name, names) for name in names]),
     )
 
@@ -376,7 +369,7 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
         transition_note(matrix),
         partial(draw, result.title),
     )
-    yield interval_table(matrix, by_class=True)
+    yield transition_table(matrix, by_class=True)
     if result.convergence is not None:
         classes = map(aspects_text, matrix.aspects.classes())
         yield Text(result.convergence.text([*classes, *OUTCOMES]).replace('\n', ' '), 'plain')
@@ -457,7 +450,6 @@ def retention_page(result: 'RetentionResult') -> Page:
             'The lift heights at which 1, 10 and 50 % of the parts have left the aspect, with '
             f'{100 * curves[0].confidence:g} % intervals.'
         ),
-        Fold('all lift heights', [retention_counts_table(curves, '')]),
     ]
     return Page(
         file=RETENTION_PAGE,

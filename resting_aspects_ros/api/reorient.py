@@ -37,7 +37,11 @@ from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain, share_fields
-from resting_aspects_ros.report.transitions import long_run_fields, matrix_fields
+from resting_aspects_ros.report.transitions import (
+    long_run_fields,
+    matrix_fields,
+    transition_figure,
+)
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_DROPS,
@@ -242,8 +246,6 @@ class ReorientResult(Result):
 
     def figure(self) -> 'Figure':
         """Return the heat map of the transitions."""
-        from resting_aspects_ros.report.transition_figures import transition_figure
-
         return transition_figure(self.matrix, self.part, self.title)
 
 

@@ -19,7 +19,7 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
-from resting_aspects_ros.report.transitions import retention_fields
+from resting_aspects_ros.report.transitions import retention_fields, retention_figure
 from resting_aspects_ros.simulation.actions import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
@@ -100,8 +100,6 @@ class RetentionResult(Result):
 
     def figure(self) -> 'Figure':
         """Return the curves."""
-        from resting_aspects_ros.report.transition_figures import retention_figure
-
         return retention_figure(self.curves, self.aspects, self.part, self.title)
 
 

@@ -8,12 +8,7 @@ from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.cli.life_cycle import shown_tables
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.drops import (
-    contact_table,
-    distribution_table,
-    merged_text,
-    never_seen_text,
-)
+from resting_aspects_ros.report.drops import contact_table, distribution_table
 from resting_aspects_ros.report.format import size_text
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.distribution import Distribution
@@ -57,13 +52,9 @@ def print_table(
     each: bool = False,
     no_model_range: str = '',
 ) -> None:
-    """Print the table of a distribution, with bounds for aspects that were never seen."""
+    """Print the table of a distribution, and what the model range covers."""
     show_table(distribution_table(distribution, title, part, each=each))
-    show_texts(
-        model_range_text(distribution.model, no_model_range),
-        never_seen_text(distribution, each=each),
-        merged_text(distribution.aspects),
-    )
+    show_texts(model_range_text(distribution.model, no_model_range))
 
 
 def print_result(result: DropResult, *, each: bool = False) -> None:

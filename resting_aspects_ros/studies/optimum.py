@@ -352,7 +352,7 @@ class OptimiseResult(Result):
             'drops',
         )
         title = f'{self.part.name}: {self.aim}\nyour conditions: {base}'
-        table = Table(title, headings, texts={'conditions': None})
+        table = Table(title, headings, texts={'conditions'})
         rows = {'best': self.best, 'second': self.second, 'yours': self.start}
         for name, candidate in rows.items():
             if candidate is None:
@@ -382,7 +382,7 @@ class OptimiseResult(Result):
         within = difference(self.objective.tolerance).replace('1.0 points', '1 point')
         headings = ('factor', 'searched', f'within {within}', 'largest change')
         title = 'what the factors do at the best conditions'
-        table = Table(title, headings, texts={'factor': None})
+        table = Table(title, headings, texts={'factor'})
         for factor, curve in zip(self.factors, self.curves, strict=False):
             low, high = factor.values(np.array(curve.flat)).tolist()
             table.add_row(

@@ -84,7 +84,7 @@ def case_pictures(case: Case) -> list[str]:
     members = [alike[0] for alike in case.aspects.classes()]
     found = [''] * len(members)
     with analysis(f'the pictures of {case.part.name}'):
-        part = picture_part(case.part, case.aspects)
+        part = picture_part(case.part)
         colours = [rgb(colour) for colour in case_colours(case)[: len(members)]]
         images = draw_parts(pose_parts(part, members), colours, PIXELS)
         found[:] = [picture_uri(image) for image in images]
@@ -338,7 +338,7 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
     with analysis('the pictures of the wanted aspects', notes):
         if wanted := [a for a in result.aspects if a.id in result.objective.wanted]:
             colours = [aspect_colour(aspect) for aspect in wanted]
-            part = picture_part(result.part, result.aspects)
+            part = picture_part(result.part)
             images = draw_parts(pose_parts(part, wanted), [rgb(c) for c in colours], PIXELS)
             names = [f'aspect {aspect.id}' for aspect in wanted]
             pictures = map(picture_uri, images)
@@ -425,7 +425,7 @@ def comparison_items(
         )
         return
     headings = (first.name, f'{second.name} ', first.name, second.name, 'difference')
-    table = Table('', headings, texts={headings[1]: None})
+    table = Table('', headings, texts={headings[1]})
     for k, each in enumerate(found.shared):
         one, other = each.first - 1, each.second - 1
         difference = 100 * shown_difference(each.second_share, each.first_share, 1)
@@ -546,7 +546,7 @@ def batch_table(batch: 'BatchResult') -> Table:
     """Return a table of the most probable classes of each part."""
     interval = f'{100 * batch.confidence:g} % interval'
     headings = ('part', 'aspects', 'proba-\nbility', interval, MODEL_RANGE)
-    table = Table('', headings, texts={'part': None})
+    table = Table('', headings, texts={'part'})
     for entry in batch.entries:
         if entry.result is not None:
             found = entry.result.distribution

@@ -328,8 +328,7 @@ def _show_comparison(work: Work) -> None:
         found = compare(*(counted_by_class(counted_drops(each)) for each in (a, b)))
         rows = class_rows(a.distribution)
         names = tuple(row.name.partition(' ')[2] for row in rows)
-        # Pictures show the aspects: no directions in the part.
-        sides = dataclasses.replace(found.sides, down=None, what='aspect', names=names)
+        sides = dataclasses.replace(found.sides, what='aspect', names=names)
         items += comparison_items(rows, found.comparison, sides)
         items += [Text(text, 'plain') for text in found.range_texts]
         items.append(_words('compare', found.comparison.confidence))
@@ -391,7 +390,7 @@ def _show_counts(work: Work) -> None:
         return
     found = compare(result, counted_by_class(read_counts(path)))
     rows = class_rows(result.distribution)
-    sides = dataclasses.replace(found.sides, down=None, labels=('simulated', 'counted'))
+    sides = dataclasses.replace(found.sides, labels=('simulated', 'counted'))
     about = [Text(text, 'plain') for text in found.range_texts]
     words = _words('compare', found.comparison.confidence)
     html = items_html([*comparison_items(rows, found.comparison, sides), *about, words])

@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 DROPS = 150
-FIGURES = ('distribution', 'pie', 'convergence', 'estimates')
+FIGURES = ('distribution', 'pie', 'convergence')
 
 
 def page_of(ended, folder):

@@ -24,9 +24,9 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     CurrentPosesPublisher,
     PartMarkers,
     labels,
-    plane_patch,
     serialized_markers,
 )
+from resting_aspects_ros.report.picture import plane_patch
 from resting_aspects_ros.ros.conversions import description_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CURRENT_POSES, LATCHED
@@ -136,24 +136,25 @@ def test_markers_are_published_with_distributions(suite):
 # -- of surroundings ------------------------------------------------------------------------------
 
 
-def area(corners):
-    a, b, c = corners[:1], corners[1:-1], corners[2:]
+def area(points, faces):
+    a, b, c = np.moveaxis(points[faces], 1, 0)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 def test_a_patch_of_a_plane_is_a_square_that_ends_at_a_wall():
-    found = plane_patch(ContactPlane('', np.array([0.6, 0.0, 0.8]), 0.1), [], 2.0)
-    np.testing.assert_allclose(found @ [0.6, 0.0, 0.8], 0.1)
-    np.testing.assert_allclose(found.mean(axis=0), [0.06, 0.0, 0.08], atol=1e-12)
-    assert area(found) == pytest.approx(16.0)
+    origin = np.zeros(3)
+    found = plane_patch(ContactPlane('', np.array([0.6, 0.0, 0.8]), 0.1), [], origin, 2.0)
+    np.testing.assert_allclose(found[0] @ [0.6, 0.0, 0.8], 0.1)
+    np.testing.assert_allclose(found[0].mean(axis=0), [0.06, 0.0, 0.08], atol=1e-12)
+    assert area(*found) == pytest.approx(16.0)
     level = ContactPlane('', np.array([0.0, 0.0, 1.0]), 0.0)
     wall = ContactPlane('', np.array([0.0, 1.0, 0.0]), -0.5)  # of the half-space y <= -0.5
-    found = plane_patch(level, [wall], 2.0)
-    assert found[:, 1].min() == pytest.approx(-0.5)
-    assert area(found) == pytest.approx(4 * 2.5)
+    found = plane_patch(level, [wall], origin, 2.0)
+    assert found[0][:, 1].min() == pytest.approx(-0.5)
+    assert area(*found) == pytest.approx(4 * 2.5)
     # A plane inside another body has none.
     above = ContactPlane('', np.array([0.0, 0.0, 1.0]), 1.0)
-    assert len(plane_patch(level, [above], 2.0)) == 0
+    assert len(plane_patch(level, [above], origin, 2.0)[1]) == 0
 
 
 @pytest.fixture

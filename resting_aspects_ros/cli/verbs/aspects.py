@@ -8,7 +8,7 @@ from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.report.document import aspects_document, to_json
-from resting_aspects_ros.report.drops import aspect_table, merged_text, symmetry_text
+from resting_aspects_ros.report.drops import aspect_table, symmetry_text
 from resting_aspects_ros.report.format import size_text
 
 DESCRIPTION = """Show the aspects in which a part can rest, and which of them look the same
@@ -42,7 +42,6 @@ def run(arguments: argparse.Namespace) -> None:
         show_table(aspect_table(aspects, part, title, each=arguments.each))
         symmetry = aspects.symmetry
         show_texts(
-            merged_text(aspects),
             '' if symmetry is None else f'Symmetry: {symmetry_text(symmetry)}.',
             'For pictures, run resting_aspects drop with --report.',
         )

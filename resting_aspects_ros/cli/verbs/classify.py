@@ -13,13 +13,12 @@ from resting_aspects_ros.report.comparison import (
     agreement_line,
     agreement_table,
     cluster_table,
-    differences_table,
 )
 
 DESCRIPTION = """Sort resting poses into clusters by their orientations alone: two poses are
 the same if they differ by a turn about the vertical. With --part, also sort
-them by the aspects that follow from its shape, and list the poses for which
-cluster and aspect do not correspond."""
+them by the aspects that follow from its shape; --json lists the poses for
+which cluster and aspect do not correspond."""
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
@@ -73,8 +72,5 @@ def run(arguments: argparse.Namespace) -> None:
         aspects = f'{title} of {found.part.name}'
         show_table(agreement_table(found.distribution, found.agreement, result.clusters, aspects))
         show_texts(agreement_line(found.agreement, found.differences))
-        if len(found.differences):
-            places = result.poses.index, result.poses.line
-            show_table(differences_table(found.differences, result.clusters, *places))
 
     show_result(arguments, result.to_json, show)

@@ -7,7 +7,7 @@ from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import show_result
-from resting_aspects_ros.report.comparison import comparison_table, measures_text
+from resting_aspects_ros.report.comparison import comparison_table, measures
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether
 chance explains the difference. Each of A and B is a log (the folder of a run,
@@ -39,7 +39,8 @@ def run(arguments: argparse.Namespace) -> None:
     def show() -> None:
         title = f'A: {result.a.title}\nB: {result.b.title}'
         show_table(comparison_table(result.comparison, result.sides, title))
-        measures = measures_text(result.comparison, result.sides)
-        show_texts(measures, *result.range_texts, result.verdict)
+        rows = measures(result.comparison, result.sides).items()
+        lines = '\n'.join(f'{name:<25}{text}' for name, text in rows)
+        show_texts(lines, *result.range_texts, result.verdict)
 
     show_result(arguments, result.to_json, show)

@@ -29,7 +29,7 @@ EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv --shift 10% --json
 """
 DEFAULT_DROPS = 10_000
-DOCUMENT, PICTURE = 'drift.json', 'drift.png'
+DOCUMENT = 'drift.json'
 # Flags of the simulation, which --expected replaces.
 SIMULATION = (
     *('drops', 'seed', 'surface', 'surfaces', *QUANTITIES, 'height_of'),
@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     options.add_confidence(parser)
     options.add_workers(parser)
-    options.add_out(parser, 'write drift.json and drift.png into this folder')
+    options.add_out(parser, 'write drift.json into this folder')
     options.add_output(parser, each=False)
     options.add_conditions(parser)
 
@@ -91,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Simulate, test and show. Raises RestingAspectsError."""
     part = options.requested_part(arguments)
-    out = life_cycle.result_folder(arguments, part.name, (DOCUMENT, PICTURE))
+    out = life_cycle.result_folder(arguments, part.name, (DOCUMENT,))
     result = watch_drift(
         _expected(arguments, part),
         arguments.counts,
@@ -109,8 +109,7 @@ def run(arguments: argparse.Namespace) -> None:
         print()
         show_table(live_table(result.test, result.live))
 
-    document, files = (DOCUMENT, result.to_json), {PICTURE: result.save_picture}
-    life_cycle.finish(arguments, out, document, files, show)
+    life_cycle.finish(arguments, out, (DOCUMENT, result.to_json), {}, show)
 
 
 def _expected(arguments: argparse.Namespace, part: Part) -> DropResult | CountedDrops:

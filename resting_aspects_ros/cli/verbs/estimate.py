@@ -7,7 +7,7 @@ from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import show_result
-from resting_aspects_ros.report.drops import estimate_table, legend
+from resting_aspects_ros.report.drops import estimate_table
 
 ALL = 'all'
 DESCRIPTION = """Show how probable each aspect of a part is by the analytic methods of the
@@ -67,6 +67,10 @@ def _show(result: EstimateResult, *, each: bool) -> None:
         result.comparisons(by_class=by_class),
     )
     show_table(table)
-    lines = legend([name for name in methods if name in result.estimates])
+    lines = [
+        f'{name:<16}{METHODS[name].label}: {METHODS[name].meaning}'
+        for name in methods
+        if name in result.estimates
+    ]
     lines += [f'{reason}.' for reason in result.not_defined.values()]
     show_texts(*lines, 'All methods assume an infinite level plane.')

@@ -45,7 +45,7 @@ from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
 from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
 from resting_aspects_ros.report.forecast import controlled_fields, controlled_text
-from resting_aspects_ros.report.scene_picture import DrawnPart, save_tray_picture
+from resting_aspects_ros.report.outlines import DrawnPart, save_tray_picture
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import (
     action_from,

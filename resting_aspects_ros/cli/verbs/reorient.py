@@ -278,7 +278,6 @@ def _show_result(result: ReorientResult, wanted: Sequence[int], *, by_class: boo
             view.drop_shares,
             f'{result.action.name}, repeated',
             result.matrix.confidence,
-            view.drop_shares / view.drop_shares.sum() @ view.chain,
         )
         print()
         show_table(table)

@@ -2,8 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Callable
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -25,8 +24,7 @@ from resting_aspects_ros.nodes.aspect_classifier.counting import Tally
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspect_colour, probability_text, rgb
-from resting_aspects_ros.report.picture import aspect_poses, message_faces
-from resting_aspects_ros.report.scene_picture import clipped, plane_axes
+from resting_aspects_ros.report.picture import aspect_poses, message_part, plane_patch
 from resting_aspects_ros.ros.callbacks import PartTopics, WorkTimer, advertise, start_task
 from resting_aspects_ros.ros.conversions import (
     check_surroundings,
@@ -70,10 +68,11 @@ class PartMarkers:
     def __init__(self, part: Part, aspects: AspectSet, frame: str = FRAME) -> None:
         self._frame = frame
         self._delete_all = Marker(action=Marker.DELETEALL)
-        triangles = part.vertices[message_faces(part, aspects)].reshape(-1, 3)
+        shown = message_part(part, len(aspects))
+        triangles = shown.vertices[shown.faces].reshape(-1, 3)
         points = [Point(**xyz(point)) for point in triangles]
         self._meshes, self._texts = [], []
-        for one, aspect in zip(aspect_poses(part, aspects), aspects, strict=True):
+        for one, aspect in zip(aspect_poses(shown, aspects), aspects, strict=True):
             pose, (x, y, _) = pose_msg(one.position, one.orientation), one.centre_of_mass.tolist()
             mesh = _mesh(MESHES, aspect.id, aspect_colour(aspect), 1.0, points, pose)
             z, size = one.top + ABOVE * part.hull_radius, LETTERS * part.hull_radius
@@ -152,19 +151,6 @@ OPACITY = 0.6
 MAX_KEPT = 10
 
 
-def plane_patch(plane: ContactPlane, others: Sequence[ContactPlane], size: float) -> Array:
-    """Return the corners (n, 3) of a patch of a plane in front of the other planes.
-
-    size : half the length of the patch, m; its centre is the point next to the origin
-    """
-    u, v = plane_axes(plane.normal) * size
-    middle = plane.offset * plane.normal
-    corners = [middle + a * u + b * v for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    for other in others:
-        corners = clipped(corners, other)
-    return np.array(corners).reshape(-1, 3)
-
-
 def surroundings_markers(message: SurroundingsDescription, radius: float) -> MarkerArray:
     """Return the markers of surroundings for a part of a hull radius, m."""
     planes = {
@@ -176,9 +162,8 @@ def surroundings_markers(message: SurroundingsDescription, radius: float) -> Mar
     for k, body in enumerate(message.bodies):
         if k in planes:
             others = [plane for other, plane in planes.items() if other != k]
-            corners = [Point(**xyz(p)) for p in plane_patch(planes[k], others, PATCH * radius)]
-            fans = pairwise(corners[1:])
-            points = [point for one, other in fans for point in (corners[0], one, other)]
+            corners, faces = plane_patch(planes[k], others, np.zeros(3), PATCH * radius)
+            points = [Point(**xyz(corner)) for corner in corners[faces].reshape(-1, 3)]
         else:
             (mesh,) = body.mesh
             points = [mesh.vertices[i] for each in mesh.triangles for i in each.vertex_indices]
