@@ -282,8 +282,7 @@ class GoalServer:
 
         Ends early if ``stopped`` returns True, also while a chunk is simulated.
         """
-        warn = self._node.get_logger().warning
-        with closing(drop_chunks(job, requested, self._workers, warn)) as steps:
+        with closing(drop_chunks(job, requested, self._workers)) as steps:
             for step in steps:
                 if not isinstance(step, PoolFuture):
                     yield step
