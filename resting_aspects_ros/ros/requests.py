@@ -289,5 +289,4 @@ class RequestedSurroundings:
                 f'invalid mesh {shown(shape.mesh)} of surroundings: expected one of the '
                 f'surroundings in {SURROUNDINGS_FOLDER.name} of {self._node.get_name()}'
             )
-        shape = dataclasses.replace(shape, file=meshes[shape.mesh_sha256])
-        return dataclasses.replace(around, shape=shape)
+        return around.with_mesh(meshes[shape.mesh_sha256])

@@ -6,6 +6,7 @@ along the axes of a plane, which depend on the plane's normal; in the scene fram
 directions in which parts mostly slide. The published frame is the tray frame, with z up.
 """
 
+import math
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -292,27 +293,18 @@ def check_release(scene: Scene, radius: float) -> None:
                 )
 
 
-def ground_below(
-    vertices: Array, triangles: npt.NDArray[np.int64], low: Array, high: Array
-) -> float | None:
-    """Return the highest z of a mesh inside a rectangle of x and y; None if there is none.
+def ground_below(corners: Array, low: Array, high: Array) -> float:
+    """Return the highest z of triangles (m, 3, 3) in a rectangle of x and y; -inf if none is.
 
-    Parameters
-    ----------
-    vertices, triangles : (n, 3) float and (m, 3) int
-    low, high : (2,) float
-        Corners of the rectangle.
+    ``low`` and ``high`` (2,) are the corners of the rectangle.
     """
-    corners = vertices[triangles]
     near = (corners[:, :, :2].max(axis=1) >= low) & (corners[:, :, :2].min(axis=1) <= high)
-    highest: float | None = None
+    highest = -math.inf
     for triangle in corners[near.all(axis=1)]:
         polygon = triangle
         for axis, low_side, high_side in zip((X, Y), low, high, strict=True):
             polygon = clipped(clipped(polygon, -axis, -low_side), axis, high_side)
-        if len(polygon):
-            top = float(polygon[:, 2].max())
-            highest = top if highest is None else max(highest, top)
+        highest = max([highest, *polygon[:, 2].tolist()])
     return highest
 
 

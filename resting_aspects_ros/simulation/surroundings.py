@@ -1,6 +1,5 @@
 """Surroundings of drops: how they are described, named and changed."""
 
-import copy
 import dataclasses
 import json
 import math
@@ -31,7 +30,6 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     MeshFile,
     MeshSurface,
     ground_of,
-    read_mesh,
     tray_from_scene,
 )
 
@@ -177,6 +175,12 @@ class Surroundings:
             return ''
         return json.dumps(self.document, sort_keys=True, separators=(',', ':'))
 
+    def with_mesh(self, file: MeshFile | None) -> 'Surroundings':
+        """Return the surroundings with the file of a mesh surface; unchanged without one."""
+        if file is None:
+            return self
+        return dataclasses.replace(self, shape=dataclasses.replace(self.shape, file=file))
+
     @property
     def text(self) -> str:
         """The surroundings in words: 'chute (roll 45 deg), belt (friction 0.4)'."""
@@ -311,22 +315,25 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
         )
     try:
         described_kind('surroundings', document, KINDS)
-        _resolve_mesh(document, file.parent)
+        mesh = document.get('mesh')
+        if isinstance(mesh, str):
+            document['mesh'] = str(file.parent / mesh)
         values = _changed(document, changes or {})
-        title = file.stem if is_file or not changes else text
-        return make_surroundings(values, title, _mesh_of(values))
+        sha256 = values.pop('mesh_sha256', '')
+        found = make_surroundings(values, file.stem if is_file or not changes else text)
+        if sha256 and sha256 != found.shape_values.get('mesh_sha256'):
+            raise InvalidValueError(
+                f'invalid {named("mesh of the surroundings", Path(values["mesh"]))}: it has '
+                f'changed; expected the hash {shown(sha256)}'
+            )
     except InvalidValueError as error:
         raise InvalidValueError(f'{where}: {error}') from None
+    return found
 
 
 def changed_surroundings(base: Surroundings, changes: Mapping[str, Any]) -> Surroundings:
     """Return surroundings with changes; see named_surroundings. Raises InvalidValueError."""
-    values = _changed(copy.deepcopy(base.document), changes)
-    mesh = base.shape.file
-    if 'mesh' in changes:
-        del values['mesh_sha256']
-        mesh = _mesh_of(values)
-    return make_surroundings(values, base.name, mesh)
+    return described_surroundings(base.document, changes, base.name).with_mesh(base.shape.file)
 
 
 def surroundings_from(text: str) -> Surroundings | None:
@@ -359,38 +366,17 @@ def described_surroundings(
     return make_surroundings(_changed(document, changes or {}), name)
 
 
-def make_surroundings(document: Any, name: str = '', mesh: MeshFile | None = None) -> Surroundings:
+def make_surroundings(document: Any, name: str = '') -> Surroundings:
     """Return the surroundings that a mapping describes; see Surroundings.document.
 
-    ``mesh`` is that of a mesh surface, if it was read already. Raises InvalidValueError, with the
-    name of the key.
+    Raises InvalidValueError, with the name of the key.
     """
     kind, values, _ = described_kind('surroundings', document, KINDS)
     others = ('bodies', 'release', 'orientation')
     common = {key: values.pop(key) for key in others if key in values}
-    if mesh is not None:
-        values.setdefault('mesh_sha256', mesh.sha256)
-    shape = made_from(KINDS, 'surroundings', kind, values, others)
-    if isinstance(shape, MeshSurface) and mesh is not None:
-        shape = dataclasses.replace(shape, file=mesh)
-    return Surroundings(shape, name=name, **common)
-
-
-def _mesh_of(values: Mapping[str, Any]) -> MeshFile | None:
-    """Return the mesh that a description names by its path, if it is a mesh surface."""
-    texts = [values.get(name, '') for name in ('mesh', 'unit', 'mesh_sha256')]
-    if values['kind'] != MeshSurface.kind or not all(isinstance(t, str | Path) for t in texts):
-        return None  # which make_surroundings refuses, or it is another kind
-    if 'mesh' not in values:
-        return None
-    return read_mesh(Path(values['mesh']))
-
-
-def _resolve_mesh(document: dict[str, Any], folder: Path) -> None:
-    """Make the path of a mesh relative to the folder of the YAML file."""
-    mesh = document.get('mesh')
-    if isinstance(mesh, str) and not Path(mesh).is_absolute():
-        document['mesh'] = str(folder / mesh)
+    return Surroundings(
+        made_from(KINDS, 'surroundings', kind, values, others), name=name, **common
+    )
 
 
 def _changed(document: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -401,10 +387,7 @@ def _changed(document: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, 
     values = dict(document)
     for key, value in changes.items():
         if key == 'kind':
-            raise InvalidValueError(
-                'invalid name kind of a value: expected another value; a kind is chosen instead '
-                'of the name of the surroundings'
-            )
+            raise InvalidValueError('invalid name kind of a value: expected another value')
         group, dot, name = key.partition('.')
         path = [] if not dot else [group] if group == 'release' else ['bodies', group]
         target: Any = values
