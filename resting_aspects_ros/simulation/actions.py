@@ -236,7 +236,12 @@ class Nozzle(Action):
         n, body = len(row), at.body
         impulse = self.impulse + random.standard_normal(n) * self.impulse_spread
         aside = random.standard_normal(n) * self.place_spread
-        point, along, met = self._hit(states, aside, body)
+        direction = np.array([math.cos(self.elevation), 0.0, math.sin(self.elevation)])
+        height = self.height - depth_along(states.orientation, -Z, body.corners)
+        origin = np.stack([np.zeros(n), aside, height], axis=-1)
+        inverse = states.orientation * _CONJUGATE
+        along = rotate(inverse, direction)
+        point, met = _first_hit(rotate(inverse, origin), along, body)
         push = np.where(met, np.maximum(impulse, 0.0), 0.0)[:, None] * along
         # In part axes, where the inertia is constant; solved row by row.
         torque = np.cross(point, push)
@@ -246,19 +251,6 @@ class Nozzle(Action):
             velocity=states.velocity + rotate(states.orientation, push / body.mass),
             spin=rotate(states.orientation, spin),
         )
-
-    def _hit(
-        self, states: States, aside: Array, body: Body
-    ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-        """Return points and directions (n, 3) in part axes, and whether (n,) the part is hit."""
-        n = len(aside)
-        direction = np.array([math.cos(self.elevation), 0.0, math.sin(self.elevation)])
-        height = self.height - depth_along(states.orientation, -Z, body.corners)
-        origin = np.stack([np.zeros(n), aside, height], axis=-1)
-        inverse = states.orientation * _CONJUGATE
-        along = rotate(inverse, direction)
-        point, met = _first_hit(rotate(inverse, origin), along, body)
-        return point, along, met
 
 
 def _first_hit(origin: Array, along: Array, body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -499,9 +491,9 @@ class Step(Action):
 
     The upper belt moves in the direction x and turns down at x = 0, over a roller along y, whose
     surface moves with it. Below the roller is a vertical wall at x = 0. Velocities are relative to
-    this wall; z = 0 is the lower belt, which moves backwards if its speed is negative, and has the
-    friction and the restitution of the conditions. Raises InvalidValueError if a value is
-    out of bounds, or if the edge is larger than the step.
+    this wall; z = 0 is the lower belt, which moves backwards if its speed is negative. Both have
+    the friction and the restitution of the conditions. Raises InvalidValueError if a value is out
+    of bounds, or if the edge is larger than the step.
     """
 
     kind: ClassVar[str] = 'step'
@@ -526,20 +518,6 @@ class Step(Action):
         'radius of the roller over which the upper belt turns; 0: a sharp edge',
         high=10.0,
         default=0.0,
-    )
-    friction_factor: float = quantity(
-        'friction factor',
-        '',
-        'friction of the upper belt as a multiple of that of the conditions',
-        high=100.0,
-        default=1.0,
-    )
-    restitution_factor: float = quantity(
-        'restitution factor',
-        '',
-        'restitution of the upper belt as a multiple of that of the conditions',
-        high=100.0,
-        default=1.0,
     )
 
     def __post_init__(self) -> None:

@@ -1,7 +1,6 @@
 """Drops in Bullet, also those over the edge of a belt, which need two worlds."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -129,15 +128,8 @@ class BeltWorld(World):
     """A world in which bodies can be added that belong to the upper belt."""
 
     def _add_of_belt(self, shape: int, state: tuple[list[float], ...]) -> int:
-        """Add a body with the contact of the floor, changed as the step states."""
-        edge, floor = self._job.edge, self._scene.bodies[0].contact
-        assert edge is not None
-        contact = replace(
-            floor,
-            friction=floor.friction * edge.friction_factor,
-            restitution=floor.restitution * edge.restitution_factor,
-        )
-        body = self._add_fixed(shape, contact, movable=True)
+        """Add a body with the contact of the floor."""
+        body = self._add_fixed(shape, self._scene.bodies[0].contact, movable=True)
         self._place(body, *state)
         return body
 

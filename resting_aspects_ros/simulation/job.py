@@ -170,8 +170,8 @@ class DropJob:
     Raises
     ------
     InvalidValueError
-        If the surface moves for more than MAX_MOTION_STEPS time steps, without refinement, if an
-        upper belt is too slow, or if its restitution is more than 1.
+        If the surface moves for more than MAX_MOTION_STEPS time steps, without refinement, or if
+        an upper belt is too slow.
     """
 
     hull: Array
@@ -192,31 +192,21 @@ class DropJob:
     engine: str = KERNEL
 
     def __post_init__(self) -> None:
-        if self.edge is not None:
-            self._check_edge(self.edge)
-        if self.motion is None:
-            return
-        step = min(self.time_step * self.refinement, self.motion.time_step)
-        longest = MAX_MOTION_STEPS * step
-        if self.motion.duration > longest:
-            raise InvalidValueError(
-                f'invalid duration {self.motion.duration:.4g} s: expected at most {longest:.4g} s '
-                f'for this part, which is {MAX_MOTION_STEPS} time steps'
-            )
-
-    def _check_edge(self, edge: 'Step') -> None:
+        edge, motion = self.edge, self.motion
         slowest = self.radius / (MAX_BELT_TIME * self.time_unit)
-        if edge.belt_speed < slowest:
+        if edge is not None and edge.belt_speed < slowest:
             raise InvalidValueError(
                 f'invalid belt speed {edge.belt_speed:.4g} m/s: expected at least {slowest:.4g} '
                 'm/s for this part'
             )
-        restitution = self.conditions.restitution * edge.restitution_factor
-        if restitution > 1:
-            raise InvalidValueError(
-                f'invalid restitution {restitution:.4g} of the upper belt, which follows from the '
-                'restitution and the restitution factor: expected at most 1'
-            )
+        if motion is not None:
+            step = min(self.time_step * self.refinement, motion.time_step)
+            longest = MAX_MOTION_STEPS * step
+            if motion.duration > longest:
+                raise InvalidValueError(
+                    f'invalid duration {motion.duration:.4g} s: expected at most {longest:.4g} s '
+                    f'for this part, which is {MAX_MOTION_STEPS} time steps'
+                )
 
     @property
     def lower_speed(self) -> float:
