@@ -17,7 +17,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Optional, TypeVar
 from pydantic import create_model
 
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, one_line, shown
-from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
+from resting_aspects_ros.input_files import (
+    FileModel,
+    Number,
+    named,
+    parse_quantity,
+    read_yaml,
+    validated,
+)
 from resting_aspects_ros.system import config_folder
 
 if TYPE_CHECKING:
@@ -94,14 +101,15 @@ class Quantity:
         return f'{lower} {self.high:g}{unit}'
 
     def check(self, name: str, value: Any) -> float:
-        """Return the value as a float; raises InvalidValueError if it is out of bounds."""
+        """Return a number, or a text such as '60mm', in SI units; raises InvalidValueError."""
+        if isinstance(value, str):
+            value = parse_quantity(name, value, self.unit)
         number = isinstance(value, int | float) and not isinstance(value, bool)
         # The comparison precedes the conversion, because an integer can be too large for a float.
         within = number and self.low <= value <= self.high and math.isfinite(value)
         if within and (value > self.low or not self.above):
             return float(value)
-        plain = f'a plain number in {self.unit}, ' if isinstance(value, str) and self.unit else ''
-        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {plain}{self.allowed()}')
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {self.allowed()}')
 
 
 def quantity(label: str, unit: str, text: str, *, default: Any = ..., **options: Any) -> Any:

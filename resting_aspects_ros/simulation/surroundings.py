@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
-from resting_aspects_ros.input_files import named, parse_quantity, read_yaml
+from resting_aspects_ros.input_files import named, read_yaml
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
@@ -380,7 +380,7 @@ def make_surroundings(document: Any, name: str = '') -> Surroundings:
 
 
 def _changed(document: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a description with changed values, and numbers instead of texts with units.
+    """Return a description with changed values.
 
     A body or the release is named before a dot in the name of a change.
     """
@@ -396,24 +396,4 @@ def _changed(document: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, 
             if not isinstance(target, dict):
                 raise InvalidValueError(f'invalid {each} {shown(target)}: expected a mapping')
         target[name if dot else key] = value
-    values = dict(_numbers('', values, quantities_of(KINDS[values['kind']])))
-    if 'release' in values:
-        values['release'] = _numbers('release ', values['release'], RELEASE_VALUES)
-    if isinstance(values.get('bodies'), dict):
-        values['bodies'] = {
-            body: _numbers(f'{body} ', each, BODY_VALUES)
-            for body, each in values['bodies'].items()
-        }
     return values
-
-
-def _numbers(group: str, given: Any, known: Mapping[str, Quantity]) -> Any:
-    """Return a mapping with numbers instead of texts with units; anything else unchanged."""
-    if not isinstance(given, dict):
-        return given
-    return {
-        key: parse_quantity(f'{group}{key}', value, known[key].unit)
-        if key in known and isinstance(value, str)
-        else value
-        for key, value in given.items()
-    }
