@@ -13,7 +13,6 @@ from resting_aspects_ros.simulation.bullet_world import (
     SURFACE_GROUP,
     World,
     compound,
-    pybullet,
 )
 from resting_aspects_ros.simulation.conditions import MAX_SEED
 from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
@@ -136,9 +135,7 @@ class BeltWorld(World):
     def _add_box(self, back: float, front: float, top: float, speed: float) -> int:
         """Add a box from ``back`` to ``front`` in x, with its top at the height ``top``."""
         half = [(front - back) / 2, FAR, FAR / 2]
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
-        )
+        shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half)
         return self._add_of_belt(shape, _box_state(back, front, top, speed))
 
 
@@ -160,9 +157,7 @@ class EdgeWorld(BeltWorld):
     def __init__(self, job: DropJob, across: tuple[float, float], min_steps_per_t: int) -> None:
         super().__init__(job, np.zeros(3))
         self._set_steps(job.steps(min_steps_per_t))
-        pybullet.setPhysicsEngineParameter(
-            solverResidualThreshold=RESIDUAL, physicsClientId=self._client
-        )
+        self._bullet.setPhysicsEngineParameter(solverResidualThreshold=RESIDUAL)
         edge, starts = job.edge, job.starts
         assert edge is not None
         assert isinstance(starts, RestStarts)
@@ -172,7 +167,7 @@ class EdgeWorld(BeltWorld):
         # In the body frame, R.
         inverse = job.axes * [-1, -1, -1, 1]
         pieces = [rotate(inverse, corners) / job.radius for corners in starts.pieces]
-        self._shape = compound(tuple(pieces), self._client)
+        self._shape = compound(tuple(pieces), self._bullet)
         box = -FAR, -self._radius, self._height, self._upper
         self._belt, self._belt_state = self._add_box(*box), _box_state(*box)
         self._add_box(-FAR, 0.0, self._height - self._radius - DROP, 0.0)
@@ -199,13 +194,12 @@ class EdgeWorld(BeltWorld):
 
     def _add_roller(self, places: list[float], lengths: list[float]) -> int:
         """Add a roller of capsules in places along y, and return it."""
-        shape = pybullet.createCollisionShapeArray(
-            shapeTypes=[pybullet.GEOM_CAPSULE] * len(places),
+        shape = self._bullet.createCollisionShapeArray(
+            shapeTypes=[self._bullet.GEOM_CAPSULE] * len(places),
             radii=[self._radius] * len(places),
             lengths=lengths,
             collisionFramePositions=[[0.0, y, 0.0] for y in places],
             collisionFrameOrientations=[_ALONG_Y] * len(places),
-            physicsClientId=self._client,
         )
         axis = [-self._radius, 0.0, self._height - self._radius]
         turn = [0.0, self._upper / self._radius, 0.0]
@@ -244,7 +238,7 @@ class EdgeWorld(BeltWorld):
             early.append(moving[low])
             ended = ~sound | passed | low | timed_out
             for i in moving[ended].tolist():
-                pybullet.removeBody(bodies[i], physicsClientId=self._client)
+                self._bullet.removeBody(bodies[i])
             moving = moving[~ended]
         return np.concatenate(early)
 
@@ -265,7 +259,7 @@ class EdgeWorld(BeltWorld):
             for body in (self._belt, *self._rollers):
                 # Setting the mask discards the contacts of a body, although it is the same mask.
                 self._collide(body, SURFACE_GROUP, PART_GROUP)
-            pybullet.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()
 
     def _beyond(self, at: States) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) have their whole hull beyond the wall."""
@@ -308,7 +302,7 @@ class WallWorld(BeltWorld):
         settling.time[status == RestStatus.FAILED] = math.nan
         bodies = self._add(states)
         for i in np.flatnonzero(~passed):
-            pybullet.removeBody(bodies[i], physicsClientId=self._client)
+            self._bullet.removeBody(bodies[i])
         self._settle(bodies, settling)
         return settling
 
@@ -325,4 +319,4 @@ class WallWorld(BeltWorld):
         for step in range(made, made + steps):
             front = self._speed * step * self._step
             self._place(self._wall, *_box_state(front - FAR, front, self._top, self._speed))
-            pybullet.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()

@@ -177,7 +177,7 @@ class Surroundings:
 
     def with_mesh(self, file: MeshFile | None) -> 'Surroundings':
         """Return the surroundings with the file of a mesh surface; unchanged without one."""
-        if file is None:
+        if not isinstance(self.shape, MeshSurface):
             return self
         return dataclasses.replace(self, shape=dataclasses.replace(self.shape, file=file))
 

@@ -4,7 +4,6 @@ import dataclasses
 import math
 
 import numpy as np
-import pybullet
 import pytest
 import trimesh
 from scipy.integrate import solve_ivp
@@ -101,7 +100,7 @@ def simulated_plate(job, overhang, belt):
         now = world._states([body], np.zeros(1, dtype=int))
         along = rotate(now.orientation, np.array([1.0, 0, 0]))[0]
         angle = math.atan2(-along[2], along[0])
-        contacts = pybullet.getContactPoints(body, physicsClientId=world._client)
+        contacts = world._bullet.getContactPoints(body)
         friction = sum(c[10] * np.array(c[11]) + c[12] * np.array(c[13]) for c in contacts)
         normal = sum(c[9] for c in contacts)
         rows.append((angle, now.spin[0, 1], normal, np.linalg.norm(friction)))
