@@ -407,8 +407,13 @@ def make_job(
             f'{source}: expected at most '
             f'{fastest:.4g} m/s for its size and gravity'
         )
-    if not scene.level:
-        _check_belts(job, scene)
+    fastest = MAX_BELT * job.radius / job.time_unit
+    for body in scene.bodies:
+        if abs(body.contact.speed) > fastest and not scene.level:
+            raise InvalidValueError(
+                f'invalid speed {body.contact.speed:g} m/s of the {body.name}: expected at most '
+                f'{fastest:.3g} m/s for the size of this part and gravity'
+            )
     return job
 
 
@@ -448,17 +453,6 @@ def _engine(wanted: str, scene: Scene, starts: Starts | None) -> str:
             )
         return BULLET
     return wanted or KERNEL
-
-
-def _check_belts(job: DropJob, scene: Scene) -> None:
-    """Raise InvalidValueError if a surface moves faster than the time step resolves."""
-    fastest = MAX_BELT * job.radius / job.time_unit
-    for body in scene.bodies:
-        if abs(body.contact.speed) > fastest:
-            raise InvalidValueError(
-                f'invalid speed {body.contact.speed:g} m/s of the {body.name}: expected at most '
-                f'{fastest:.3g} m/s for the size of this part and gravity'
-            )
 
 
 def rolling_length(landscape: Landscape, aspects: list[JoinedMinima]) -> float:

@@ -54,16 +54,12 @@ class States:
         """The four arrays, in the order of the fields."""
         return self.position, self.orientation, self.velocity, self.spin
 
-    def part(self, first: int, end: int) -> 'States':
-        """Return the states of the parts ``first`` to ``end - 1``."""
-        return States(*(each[first:end] for each in self.arrays))
-
     @property
     def finite(self) -> npt.NDArray[np.bool_]:
         """Which parts (n,) have finite states."""
         return np.asarray(np.isfinite(np.hstack(self.arrays)).all(axis=1))
 
-    def select(self, which: npt.NDArray[Any]) -> 'States':
+    def select(self, which: npt.NDArray[Any] | slice) -> 'States':
         """Return the states of some of the parts."""
         return States(*(each[which] for each in self.arrays))
 
