@@ -27,7 +27,7 @@ from resting_aspects_ros.simulation.conditions import (
     quantity,
     read_entries,
 )
-from resting_aspects_ros.simulation.scene import HalfSpace, Scene, X, Z, depth_along
+from resting_aspects_ros.simulation.scene import HalfSpace, Scene, X, Z, depth_of
 from resting_aspects_ros.simulation.starts import (
     Action,
     Body,
@@ -237,7 +237,7 @@ class Nozzle(Action):
         impulse = self.impulse + random.standard_normal(n) * self.impulse_spread
         aside = random.standard_normal(n) * self.place_spread
         direction = np.array([math.cos(self.elevation), 0.0, math.sin(self.elevation)])
-        height = self.height - depth_along(states.orientation, -Z, body.corners)
+        height = self.height - depth_of(states.orientation, body.corners)
         origin = np.stack([np.zeros(n), aside, height], axis=-1)
         inverse = states.orientation * _CONJUGATE
         along = rotate(inverse, direction)
@@ -582,7 +582,7 @@ class Step(Action):
     def _behind_edge(self, states: States, at: RestStarts) -> Array:
         """Return positions (n, 3), m, of parts in surroundings that are whole behind the edge."""
         scene = at.scene
-        front = depth_along(states.orientation, scene.in_tray(X[None])[0], at.body.corners)
+        front = depth_of(states.orientation, at.body.corners, scene.in_tray(X[None])[0])
         place = scene.in_scene(states.position)
         place[:, 0] = -self.edge_radius - BEHIND * at.body.radius - front
         place[:, 2] += self.step_height

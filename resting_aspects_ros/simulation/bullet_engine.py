@@ -5,8 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.rotations import product, rotate
+from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_world import (
     NO_TURN,
     PART_GROUP,
@@ -19,10 +18,10 @@ from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, D
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
     InitialState,
-    depth_of,
     initial_states,
     resting_poses,
 )
+from resting_aspects_ros.simulation.scene import X, depth_of
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     MAX_DEPTH,
@@ -89,9 +88,6 @@ DROP = 0.05
 # that lies on both belts leaves them with 0.02 / T less spin; the time is the same.
 RESIDUAL = 1e-9
 _ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-# Quarter turns that make the direction x point up or down.
-_X_UP = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
-_X_DOWN = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
 # Time, T, for which a part that is about to land has the steps of first impacts, and number of
@@ -263,19 +259,16 @@ class EdgeWorld(BeltWorld):
 
     def _beyond(self, at: States) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) have their whole hull beyond the wall."""
-        return np.asarray(at.position[:, 0] - self._depth(at, _X_UP) > CLEARANCE)
+        reach = depth_of(at.orientation, self._job.hull, -X)
+        return np.asarray(at.position[:, 0] - reach > CLEARANCE)
 
     def _landing(self, at: States) -> npt.NDArray[np.bool_]:
         """Return which parts (n,) can touch the lower belt before the next check."""
         speed = np.linalg.norm(at.velocity, axis=1) + np.linalg.norm(at.spin, axis=1)
         reach = CLEARANCE + speed / EDGE_CHECKS_PER_T
-        ahead = at.position[:, 0] + self._depth(at, _X_DOWN) > -reach
-        return np.asarray(ahead & (at.position[:, 2] - self._depth(at, NO_TURN) < reach))
-
-    def _depth(self, at: States, turn: list[float]) -> Array:
-        """Return how far the hulls (n,) reach below their centres after a turn."""
-        turned = product(np.tile(turn, (len(at.orientation), 1)), at.orientation)
-        return depth_of(turned, self._job.hull)
+        ahead = at.position[:, 0] + depth_of(at.orientation, self._job.hull, X) > -reach
+        lowest = at.position[:, 2] - depth_of(at.orientation, self._job.hull)
+        return np.asarray(ahead & (lowest < reach))
 
 
 class WallWorld(BeltWorld):

@@ -11,7 +11,6 @@ from resting_aspects_ros.rotations import (
     Random,
     canonical,
     composed,
-    down_in_part,
     product,
     random_orientations,
     rotate,
@@ -20,7 +19,7 @@ from resting_aspects_ros.rotations import (
 from resting_aspects_ros.simulation.conditions import BULLET, DropConditions, HeightOf
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.scene import (
-    depth_along,
+    depth_of,
     heights_at_touch,
     in_scene_axes,
     in_tray_axes,
@@ -200,15 +199,6 @@ def part_from_body(of_body: Array, axes: Array) -> Array:
     return composed(of_body, axes * [-1, -1, -1, 1])
 
 
-def depth_of(xyzw: Array, hull: Array) -> Array:
-    """Return the heights, (n,), of the centre of mass above the lowest point of the hull."""
-    # A matrix product would not do: its rounding depends on the number of rows, so that a drop's
-    # height would depend on how many other drops are simulated.
-    x, y, z = down_in_part(xyzw).T[:, :, None]
-    reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
-    return reach
-
-
 # -- Ends -----------------------------------------------------------------------------------------
 
 
@@ -273,7 +263,7 @@ def _put_down(job: DropJob, position: Array, orientation: Array) -> Array:
     """Return positions (n, 3), R, at which hulls that rest near half-spaces touch them."""
     position = position.copy()
     planes = [
-        (p.normal, p.offset / job.radius, depth_along(orientation, -p.normal, job.hull))
+        (p.normal, p.offset / job.radius, depth_of(orientation, job.hull, -p.normal))
         for p in job.scene.half_spaces
     ]
     gaps = [(position * n).sum(axis=1) - offset - reach for n, offset, reach in planes]

@@ -232,14 +232,14 @@ def in_tray_axes(scene: Scene, orientation: Array) -> Array:
     return product(np.tile(scene.tray_from_scene, (len(orientation), 1)), orientation)
 
 
-def depth_along(orientation: Array, direction: Array, corners: Array) -> Array:
+def depth_of(orientation: Array, corners: Array, direction: Array = -Z) -> Array:
     """Return how far the corners (k, 3) of bodies in orientations (n, 4) reach, (n,).
 
-    ``direction`` (3,) is a unit vector in the frame of the orientations.
+    ``direction`` (3,) is a unit vector in the frame of the orientations; by default down.
     """
-    inverse = orientation * [-1, -1, -1, 1]
-    x, y, z = rotate(inverse, direction).T[:, :, None]
-    # Not a matrix product, whose rounding depends on the number of rows; see depth_of.
+    x, y, z = rotate(orientation * [-1, -1, -1, 1], direction).T[:, :, None]
+    # A matrix product would not do: its rounding depends on the number of rows, so that a drop's
+    # height would depend on how many other drops are simulated.
     reach: Array = (x * corners[:, 0] + y * corners[:, 1] + z * corners[:, 2]).max(axis=1)
     return reach
 
@@ -259,10 +259,10 @@ def heights_at_touch(scene: Scene, base: Array, orientation: Array, corners: Arr
     # The planes that a part can meet when it falls.
     planes = [plane for plane in scene.faces if -float(plane.normal @ scene.down) > STEEP]
     if not planes:
-        return scene.ground + depth_along(orientation, scene.down, corners)
+        return scene.ground + depth_of(orientation, corners, scene.down)
     found = []
     for plane in planes:
-        reach = depth_along(orientation, -plane.normal, corners)
+        reach = depth_of(orientation, corners, -plane.normal)
         above = (base * plane.normal).sum(axis=1) - plane.offset
         found.append((reach - above) / -float(plane.normal @ scene.down))
     return np.asarray(np.max(found, axis=0))

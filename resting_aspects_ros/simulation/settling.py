@@ -12,9 +12,9 @@ from resting_aspects_ros.simulation.release import (
     TIME_LIMIT,
     Ends,
     InitialState,
-    depth_of,
     part_from_body,
 )
+from resting_aspects_ros.simulation.scene import depth_of
 from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.statistics.poses import RestStatus
 

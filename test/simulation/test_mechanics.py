@@ -21,7 +21,8 @@ from resting_aspects_ros.simulation.bullet_engine import EdgeWorld, WallWorld
 from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.conditions import BULLET
 from resting_aspects_ros.simulation.job import STEPS_PER_T, make_job
-from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState, depth_of
+from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState
+from resting_aspects_ros.simulation.scene import depth_of
 from resting_aspects_ros.simulation.starts import rest_starts
 
 # -- The kernel -----------------------------------------------------------------------------------

@@ -18,8 +18,8 @@ from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, m
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
     InitialState,
-    depth_of,
 )
+from resting_aspects_ros.simulation.scene import depth_of
 from resting_aspects_ros.simulation.starts import rest_starts
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
