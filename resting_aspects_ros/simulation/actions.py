@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.part.part import Part
@@ -253,7 +252,7 @@ class Nozzle(Action):
         )
 
 
-def _first_hit(origin: Array, along: Array, body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _first_hit(origin: Array, along: Array, body: Body) -> tuple[Array, Flags]:
     """Return where lines first meet the convex hull (n, 3), and whether (n,) they do.
 
     Parameters

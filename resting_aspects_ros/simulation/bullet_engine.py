@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from resting_aspects_ros.arrays import Bytes, Flags, Indices
 from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_world import (
     NO_TURN,
@@ -30,9 +30,6 @@ from resting_aspects_ros.simulation.settling import (
 )
 from resting_aspects_ros.simulation.starts import RestStarts, States
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
-
-Rows = npt.NDArray[np.int64]
-Codes = npt.NDArray[np.uint8]
 
 # Number of drops that are simulated together, in the same place. All of them are, even if only
 # some are wanted: Bullet sorts the contacts of a part with several bodies in an order that depends
@@ -99,7 +96,7 @@ LATER_STEPS_PER_T = 320
 FAR = 20.0
 
 
-def over_edge(job: DropJob, states: InitialState) -> tuple[InitialState, Codes]:
+def over_edge(job: DropJob, states: InitialState) -> tuple[InitialState, Bytes]:
     """Move parts over the edge; returns their states, and codes of RestStatus.
 
     The states are then relative to the lower belt and to the wall. The status is SETTLED for a
@@ -201,7 +198,9 @@ class EdgeWorld(BeltWorld):
         turn = [0.0, self._upper / self._radius, 0.0]
         return self._add_of_belt(shape, (axis, NO_TURN, [0.0] * 3, turn))
 
-    def pass_over(self, at: InitialState, status: Codes, which: Rows, *, landed: bool) -> Rows:
+    def pass_over(
+        self, at: InitialState, status: Bytes, which: Indices, *, landed: bool
+    ) -> Indices:
         """Move some parts over the edge until they are about to land; see over_edge.
 
         Returns the parts that are about to land before they are beyond the edge. Parts that
@@ -238,7 +237,7 @@ class EdgeWorld(BeltWorld):
             moving = moving[~ended]
         return np.concatenate(early)
 
-    def _change_steps(self, at: InitialState, which: Rows, steps: int) -> None:
+    def _change_steps(self, at: InitialState, which: Indices, steps: int) -> None:
         """Adapt the velocities of parts to the number of steps per T with which they continue.
 
         Bullet changes the velocity before the position, so that the velocity of a part in flight
@@ -257,12 +256,12 @@ class EdgeWorld(BeltWorld):
                 self._collide(body, SURFACE_GROUP, PART_GROUP)
             self._bullet.stepSimulation()
 
-    def _beyond(self, at: States) -> npt.NDArray[np.bool_]:
+    def _beyond(self, at: States) -> Flags:
         """Return which parts (n,) have their whole hull beyond the wall."""
         reach = depth_of(at.orientation, self._job.hull, -X)
         return np.asarray(at.position[:, 0] - reach > CLEARANCE)
 
-    def _landing(self, at: States) -> npt.NDArray[np.bool_]:
+    def _landing(self, at: States) -> Flags:
         """Return which parts (n,) can touch the lower belt before the next check."""
         speed = np.linalg.norm(at.velocity, axis=1) + np.linalg.norm(at.spin, axis=1)
         reach = CLEARANCE + speed / EDGE_CHECKS_PER_T
@@ -285,7 +284,7 @@ class WallWorld(BeltWorld):
         self._top = edge.step_height / job.radius
         self._wall = self._add_box(-FAR, 0.0, self._top, self._speed)
 
-    def settled(self, states: InitialState, status: Codes) -> Settling:
+    def settled(self, states: InitialState, status: Bytes) -> Settling:
         """Step until all parts that passed the edge have ended; ``status``: see over_edge."""
         settling = settling_of(self._job, states)
         passed = status == RestStatus.SETTLED

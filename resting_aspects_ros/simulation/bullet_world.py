@@ -10,9 +10,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.rotations import product, rotate
 from resting_aspects_ros.simulation.conditions import NO_BULLET
@@ -321,7 +320,7 @@ class World:
     def follow(
         self,
         states: States,
-        ended: Callable[[States], npt.NDArray[np.bool_]],
+        ended: Callable[[States], Flags],
         limit: float,
     ) -> States:
         """Step parts from n states until each has ended, and return their last states.
@@ -403,7 +402,7 @@ class World:
             moved = (at + arm, facing, v + np.cross(w, arm) + own, w)
             self._place(body, *(values.tolist() for values in moved))
 
-    def _states(self, bodies: list[int] | dict[int, int], which: npt.NDArray[np.int64]) -> States:
+    def _states(self, bodies: list[int] | dict[int, int], which: Indices) -> States:
         ids = [bodies[i] for i in which.tolist()]
         poses = [self._bullet.getBasePositionAndOrientation(i) for i in ids]
         speeds = [self._bullet.getBaseVelocity(i) for i in ids]

@@ -7,10 +7,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import cuda, float64, int64
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation import kernel, kernel_engine
 
@@ -40,7 +39,7 @@ def simulate(
     limit: Array,
     states: kernel_engine.States,
     ends: Array,
-    codes: npt.NDArray[np.int64],
+    codes: Indices,
 ) -> None:
     """Simulate drops on the GPU; see kernel.simulate."""
     corners, planes = body.points.shape[1], len(ground.planes)

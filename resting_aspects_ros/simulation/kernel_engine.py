@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -375,8 +374,8 @@ def simulate(
     limit: Array | float,
     states: States,
     ends: Array,
-    codes: npt.NDArray[np.int64],
-) -> npt.NDArray[np.int64]:
+    codes: Indices,
+) -> Indices:
     """Simulate drops from their states until each has ended; see kernel.simulate.
 
     The lock of the interpreter is released meanwhile. Returns (4,) int, the numbers of steps,

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtri
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Bytes, Indices
 from resting_aspects_ros.rotations import (
     Random,
     canonical,
@@ -113,9 +112,7 @@ def initial_states(job: DropJob, first: int, end: int) -> InitialState:
     return (_released if job.scene.level else _in_scene)(job, random, n)
 
 
-def _started(
-    job: DropJob, starts: Starts, index: npt.NDArray[np.int64], random: Random
-) -> InitialState:
+def _started(job: DropJob, starts: Starts, index: Indices, random: Random) -> InitialState:
     """Return the initial states of parts that start as ``starts`` determines."""
     states, scene = starts.states(index, random), job.scene
     of_body = composed(states.orientation, job.axes)
@@ -220,8 +217,8 @@ class Ends:
 
     position: Array
     orientation: Array
-    status: npt.NDArray[np.uint8]
-    minimum: npt.NDArray[np.int64]
+    status: Bytes
+    minimum: Indices
     time: Array
     growth: Array
 

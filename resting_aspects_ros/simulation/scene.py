@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import product, rotate
 from resting_aspects_ros.simulation.conditions import DropConditions
@@ -89,7 +88,7 @@ class MeshBody(SceneBody):
     """
 
     vertices: Array
-    triangles: npt.NDArray[np.int64]
+    triangles: Indices
     prisms: tuple[Array, ...] = ()
     remaining: Array | None = None
     sides: int = 0

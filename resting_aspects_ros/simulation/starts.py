@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.hull import convex_hull
@@ -55,7 +55,7 @@ class States:
         return self.position, self.orientation, self.velocity, self.spin
 
     @property
-    def finite(self) -> npt.NDArray[np.bool_]:
+    def finite(self) -> Flags:
         """Which parts (n,) have finite states."""
         return np.asarray(np.isfinite(np.hstack(self.arrays)).all(axis=1))
 

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import named, read_input
 from resting_aspects_ros.part.mesh_files import read_triangles
@@ -375,7 +374,7 @@ class MeshFile:
     name: str
     data: bytes
     vertices: Array
-    triangles: npt.NDArray[np.int64]
+    triangles: Indices
 
     @cached_property
     def sha256(self) -> str:
@@ -486,7 +485,7 @@ class MeshSurface(Kind):
         return self._placed(self._known.vertices * UNITS[self.unit])
 
     @property
-    def triangles(self) -> npt.NDArray[np.int64]:
+    def triangles(self) -> Indices:
         """(m, 3) indices of the corners; raises InvalidValueError without the mesh."""
         return self._known.triangles
 
