@@ -393,6 +393,9 @@ class World:
     def _move(self, state: tuple[list[float], ...]) -> None:
         """Put all bodies where a motion of the tray, in tray axes, R and T, brings them."""
         scene = self._scene
+        if scene.level:
+            self._place(self._bodies[0][0], *state)
+            return
         position, turn, velocity, spin = map(np.array, state)
         at, v, w = scene.in_scene(np.stack([position, velocity, spin]))
         turned = in_scene_axes(scene, product(turn[None], scene.tray_from_scene[None]))[0]

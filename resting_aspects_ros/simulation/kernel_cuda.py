@@ -108,7 +108,7 @@ def _drops(body, ground, numerics, corners, values, limit, states, ends, codes, 
         old_corner=cuda.local.array((CONTACTS, 2), int64)[:few],
         old_roll=cuda.local.array((PLANES, 6), float64)[:n],
         track=cuda.local.array(15, float64),
-        counts=cuda.local.array(7, int64),
+        counts=cuda.local.array(3, int64),
     )
     # As work_of sets them.
     for k in range(body.points.shape[1]):

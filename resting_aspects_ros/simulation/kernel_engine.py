@@ -201,7 +201,7 @@ def work_of(body: Body, ground: Ground) -> Work:
         old_corner=np.zeros((count, 2), np.int64),
         old_roll=np.zeros((planes, 6)),
         track=np.zeros(15),
-        counts=np.zeros(7, np.int64),
+        counts=np.zeros(3, np.int64),
     )
 
 
@@ -375,11 +375,10 @@ def simulate(
     states: States,
     ends: Array,
     codes: Indices,
-) -> Indices:
+) -> None:
     """Simulate drops from their states until each has ended; see kernel.simulate.
 
-    The lock of the interpreter is released meanwhile. Returns (4,) int, the numbers of steps,
-    impacts, steps of lasting contact and iterations.
+    The lock of the interpreter is released meanwhile.
     """
     work = work_of(body, ground)
     limits = np.full(len(ends), limit, dtype=np.float64)
@@ -391,7 +390,6 @@ def simulate(
     # Where Numba's functions return a value and an exception, of which there are none.
     nothing, error = ctypes.c_void_p(), ctypes.c_void_p()
     function(ctypes.byref(nothing), ctypes.byref(error), *_flat(arguments))
-    return np.asarray(work.counts[:4], dtype=np.int64)
 
 
 def _types(value: Any) -> Iterator[str]:
