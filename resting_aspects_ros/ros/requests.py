@@ -34,9 +34,12 @@ from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
     Surfaces,
+)
+from resting_aspects_ros.simulation.surroundings import (
+    Surroundings,
+    named_surroundings,
     surroundings_folder,
 )
-from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshFile, MeshSurface
 from resting_aspects_ros.statistics.distribution import METHOD
 

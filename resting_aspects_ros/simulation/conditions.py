@@ -265,10 +265,7 @@ class DropConditions(Described):
         Equally probable values of those that are not known exactly, such as `calibrate` writes.
         They are no part of what is simulated: conditions that differ only in them are equal.
 
-    Raises
-    ------
-    InvalidValueError
-        If a value is not a finite number within its bounds.
+    Raises InvalidValueError if a value is not a finite number within its bounds.
     """
 
     height: float = quantity(
@@ -389,24 +386,6 @@ class Noise(Described):
 QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)
 
 
-# -- Files of the configuration -------------------------------------------------------------------
-
-
-def surfaces_file() -> Path:
-    """Return the file of the named conditions."""
-    return config_folder() / 'surfaces.yaml'
-
-
-def actions_file() -> Path:
-    """Return the file of the named actions."""
-    return config_folder() / 'actions.yaml'
-
-
-def surroundings_folder() -> Path:
-    """Return the folder of the named surroundings."""
-    return config_folder() / 'surroundings'
-
-
 # -- Named surfaces -------------------------------------------------------------------------------
 
 
@@ -511,7 +490,7 @@ class Surfaces:
 
 def all_surfaces(own: str | Path | None = None) -> Surfaces:
     """Return the surfaces of the suite, and those of a file, which replace others of a name."""
-    found = Surfaces.read(surfaces_file())
+    found = Surfaces.read(config_folder() / 'surfaces.yaml')
     if own:
         added = Surfaces.read(Path(own))
         found = Surfaces({**found.sets, **added.sets}, {**found.sources, **added.sources})

@@ -167,11 +167,8 @@ class DropJob:
     engine : str
         KERNEL, CUDA or BULLET.
 
-    Raises
-    ------
-    InvalidValueError
-        If the surface moves for more than MAX_MOTION_STEPS time steps, without refinement, or if
-        an upper belt is too slow.
+    Raises InvalidValueError if the surface moves for more than MAX_MOTION_STEPS time steps,
+    without refinement, or if an upper belt is too slow.
     """
 
     hull: Array

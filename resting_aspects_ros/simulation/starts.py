@@ -83,10 +83,8 @@ class GivenStates:
         Angular velocity in the axes of the part, as an inertial sensor measures it, rad/s; zero
         by default.
 
-    Raises
-    ------
-    InvalidValueError
-        If a shape is wrong, a value is not finite, a quaternion is zero, or there is no state.
+    Raises InvalidValueError if a shape is wrong, a value is not finite, a quaternion is zero, or
+    there is no state.
     """
 
     position: Array
@@ -340,10 +338,7 @@ def starts_of(
     ids : sequence of int, optional
         Ids of the aspects; by default all.
 
-    Raises
-    ------
-    InvalidValueError
-        If no drop ended in an aspect.
+    Raises InvalidValueError if no drop ended in an aspect.
     """
     wanted = [a for a in aspects if not ids or a.id in ids]
     if scene.level:

@@ -21,7 +21,6 @@ from resting_aspects_ros.simulation.conditions import (
     described_kind,
     made_from,
     quantities_of,
-    surroundings_folder,
 )
 from resting_aspects_ros.simulation.scene import MeshBody, PairValues, Scene, check_release
 from resting_aspects_ros.simulation.surroundings_kinds import (
@@ -32,6 +31,7 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     ground_of,
     tray_from_scene,
 )
+from resting_aspects_ros.system import config_folder
 
 
 def group_text(
@@ -101,10 +101,7 @@ class Surroundings:
     name : str
         Name of the surroundings; not part of their values, which are compared.
 
-    Raises
-    ------
-    InvalidValueError
-        If a name is not known, or a value is out of bounds.
+    Raises InvalidValueError if a name is not known, or a value is out of bounds.
     """
 
     shape: Kind
@@ -276,6 +273,11 @@ def _quaternion(given: Any) -> tuple[float, ...]:
 ENDINGS = ('.yaml', '.yml')
 
 
+def surroundings_folder() -> Path:
+    """Return the folder of the named surroundings."""
+    return config_folder() / 'surroundings'
+
+
 def surroundings_names() -> list[str]:
     """Return the names of the surroundings in config/surroundings, sorted."""
     return sorted(path.stem for path in surroundings_folder().glob('*.yaml'))
@@ -293,10 +295,8 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
         Values by their names, such as ``{'roll': 0.8, 'belt.friction': '0.4', 'release.y_min':
         '10mm'}``. A number is in SI units; a text may have a unit.
 
-    Raises
-    ------
-    InvalidValueError
-        If the name is not known, the file cannot be read, or a value is out of bounds.
+    Raises InvalidValueError if the name is not known, the file cannot be read, or a value is out
+    of bounds.
     """
     text = str(name)
     is_file = isinstance(name, Path) or '/' in text or text.endswith(ENDINGS)

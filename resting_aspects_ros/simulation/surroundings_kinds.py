@@ -439,10 +439,7 @@ class MeshSurface(Kind):
     file : MeshFile, optional
         The mesh, if it was read already.
 
-    Raises
-    ------
-    InvalidValueError, PartError
-        If a value is out of bounds, or the file cannot be read.
+    Raises InvalidValueError or PartError if a value is out of bounds, or the file cannot be read.
     """
 
     kind: ClassVar[str] = 'mesh'

@@ -204,10 +204,7 @@ class LocalWorkers:
     count : int
         Number of threads, and maximum number of processes.
 
-    Raises
-    ------
-    InvalidValueError
-        If the count is out of bounds.
+    Raises InvalidValueError if the count is out of bounds.
     """
 
     def __init__(self, count: int) -> None:
@@ -354,10 +351,8 @@ class ClusterWorkers:
     scheduler : str
         Address of the scheduler, such as ``tcp://10.0.0.5:8786``.
 
-    Raises
-    ------
-    InvalidValueError
-        If distributed is not installed, or if the address has no scheduler with workers.
+    Raises InvalidValueError if distributed is not installed, or if the address has no scheduler
+    with workers.
     """
 
     def __init__(self, scheduler: str) -> None:
