@@ -1,11 +1,9 @@
 """The physics world of Bullet: a part and what it touches."""
 
 import os
-import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 
@@ -31,27 +29,18 @@ from resting_aspects_ros.simulation.starts import States
 # -- Client ---------------------------------------------------------------------------------------
 
 
-@contextmanager
-def _silenced_stderr() -> Iterator[None]:
-    """Discard standard error, including the output of C code, which bypasses sys.stderr."""
-    sys.stderr.flush()
-    saved = os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(null)
-
-
+# PyBullet prints its build time on standard error when a process imports it.
+_stderr, _null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+os.dup2(_null, 2)
 try:
-    with _silenced_stderr():  # pybullet prints its build time on import, in every process
-        import pybullet
-        from pybullet_utils.bullet_client import BulletClient
+    import pybullet
+    from pybullet_utils.bullet_client import BulletClient
 except ImportError:
     raise EngineError(NO_BULLET) from None
+finally:
+    os.dup2(_stderr, 2)
+    os.close(_stderr)
+    os.close(_null)
 
 _own = threading.local()  # the client of each thread
 

@@ -162,8 +162,8 @@ class Surroundings:
 
     @property
     def known(self) -> bool:
-        """Whether parts can be dropped in them; see Kind."""
-        return self.shape.known
+        """Whether parts can be dropped in them: not without the triangles of a mesh surface."""
+        return not isinstance(self.shape, MeshSurface) or self.shape.file is not None
 
     @cached_property
     def key(self) -> str:

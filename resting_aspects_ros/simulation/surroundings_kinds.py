@@ -90,11 +90,6 @@ class Kind(Described):
         return False
 
     @property
-    def known(self) -> bool:
-        """Whether parts can be dropped in them: not without the triangles of a mesh surface."""
-        return True
-
-    @property
     def tilt(self) -> tuple[float, float]:
         """Roll about x, and then pitch about y, of the scene in the tray frame, rad."""
         return getattr(self, 'roll', 0.0), getattr(self, 'pitch', 0.0)
@@ -504,11 +499,6 @@ class MeshSurface(Kind):
             turned[:, b] = math.sin(angle) * points[:, a] + math.cos(angle) * points[:, b]
             points = turned
         return np.asarray(points + np.array([self.x, self.y, self.z]))
-
-    @property
-    def known(self) -> bool:
-        """See Kind."""
-        return self.file is not None
 
     @property
     def texts(self) -> dict[str, str]:
