@@ -403,29 +403,21 @@ def _call(function: Callable[..., T], args: tuple[Any, ...], versions: dict[str,
     from distributed import get_worker
 
     for name, here in worker_versions().items():
-        if versions[name] != here:
+        expected = versions.get(name, 'not installed')
+        if here != expected:
             raise EngineError(
-                f'invalid worker {get_worker().address}: expected {name} {versions[name]}, not '
-                f'{here}'
+                f'invalid worker {get_worker().address}: expected {name} {expected}, not {here}'
             )
     return function(*args)
 
 
 def worker_versions() -> dict[str, str]:
-    """Return the versions of the packages that affect the poses, in this process."""
-    return {
-        'resting_aspects_ros': __version__,
-        'numba': version('numba'),
-        'pybullet': _version('pybullet'),
-        'numpy': version('numpy'),
-    }
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return 'not installed'
+    """Return the versions of the installed packages that affect the poses, in this process."""
+    found = {'resting_aspects_ros': __version__}
+    for name in ('numba', 'pybullet', 'numpy'):
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def _connect(scheduler: str) -> Any:
