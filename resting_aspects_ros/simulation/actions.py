@@ -82,11 +82,11 @@ class Kick(Action):
     )
 
     def __post_init__(self) -> None:
-        quantities_of(self)['speed'].check('speed', self.speed)
+        speed = quantities_of(self)['speed'].check('speed', self.speed)
         derived = {'speed_spread': SPEED_SPREAD, 'horizontal_spread': HORIZONTAL_SPREAD}
         for name, share in derived.items():
             if getattr(self, name) is None:
-                object.__setattr__(self, name, share * self.speed)
+                object.__setattr__(self, name, share * speed)
         super().__post_init__()
 
     @property
