@@ -227,7 +227,8 @@ def turned_by(orientation: Array, other: Array) -> Array:
 # more than 0.005 (a quaternion component) later.
 WINDOW = 0.5
 # A part slides for ever if for this time, T, it turns by at most SLIDE_TURN, and its speed does
-# not decrease. Coulomb friction slows a part at a constant rate, or not at all.
+# not decrease. Coulomb friction slows a part at a constant rate, or not at all. On a single plane,
+# only a tilt counts: a part can spin about the normal of the plane while it slides.
 SLIDE_WINDOW = 10.0
 SLIDE_TURN = 1e-3
 # Minimum speed of a sliding part, R / T; a slower part creeps or trembles.
@@ -254,7 +255,7 @@ class SceneSettling(Settling):
         self._window = WINDOW
         n = len(states.elapsed)
         self._start = states.position @ self._scene.down
-        self._anchor = self.orientation.copy()
+        self._anchor = self._pointing(self.orientation)
         self._anchor_speed = np.full(n, np.inf)
         self._anchor_time = np.zeros(n)
 
@@ -314,7 +315,8 @@ class SceneSettling(Settling):
     def _slides(self, which: Indices, states: States) -> Flags:
         """Return which drops slide or roll for ever."""
         speed = self._relative_speed(states.velocity)
-        turned = turned_by(states.orientation, self._anchor[which]) > SLIDE_TURN
+        pointing = self._pointing(states.orientation)
+        turned = self._turned(pointing, self._anchor[which]) > SLIDE_TURN
         over = self._now - self._anchor_time[which] >= SLIDE_WINDOW
         steady = over & ~turned & (speed > MIN_SLIDE_SPEED)
         steady &= speed >= self._anchor_speed[which] * (1 - REST_MOTION)
@@ -322,12 +324,26 @@ class SceneSettling(Settling):
         across = np.abs(states.velocity[:, self._scene.free :]).max(axis=1, initial=0.0)
         steady &= (self._scene.free == 2) | (across < MIN_SLIDE_SPEED) & (self._scene.free > 0)
         new = turned | over
-        self._anchor[which[new]] = states.orientation[new]
+        self._anchor[which[new]] = pointing[new]
         self._anchor_speed[which[new]] = speed[new]
         self._anchor_time[which[new]] = self._now
         fallen = states.position @ self._scene.down - self._start[which]
         away = (speed > self._max_speed) | (fallen > MAX_FALL)
         return np.asarray(steady | away & (self._scene.free > 0))
+
+    def _turned(self, pointing: Array, anchor: Array) -> Array:
+        """Return by how much what _pointing returns has changed, (n,)."""
+        if self._scene.free < 2:
+            return turned_by(pointing, anchor)
+        return np.asarray(np.abs(pointing - anchor).max(axis=1))
+
+    def _pointing(self, orientation: Array) -> Array:
+        """Return what does not change while a part slides: its orientation, or its tilt."""
+        if self._scene.free < 2:
+            return np.array(orientation)
+        normal = np.tile(self._scene.half_spaces[0].normal, (len(orientation), 1))
+        turned: Array = rotate(orientation * [-1, -1, -1, 1], normal)
+        return turned
 
     def _left(self, position: Array) -> Flags:
         """Return which parts (n,) have left the surroundings."""
