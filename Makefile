@@ -113,7 +113,7 @@ $(VENV)/.package: setup.py setup.cfg pyproject.toml package.xml $(VENV)/.made \
 # The first drops compile the kernel, which is then kept in __pycache__. It depends on the version
 # of Numba, too.
 $(VENV)/.kernel: resting_aspects_ros/simulation/kernel.py \
-        resting_aspects_ros/simulation/kernel_engine.py requirements.txt $(VENV)/.package
+        resting_aspects_ros/simulation/kernel_data.py requirements.txt $(VENV)/.package
 	@echo "set-up: compiling the kernel"
 	@$(BIN)/python -c "import resting_aspects_ros as ra; ra.drop(ra.load_part('tetrahedron'), drops=1)"
 	@touch $@

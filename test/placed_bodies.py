@@ -7,7 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.kernel_engine import Numerics, body_of, ground_of, simulate
+from resting_aspects_ros.simulation.kernel_data import Numerics
+from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.release import TIME_LIMIT
 from resting_aspects_ros.simulation.scene import depth_of
 from resting_aspects_ros.simulation.starts import States

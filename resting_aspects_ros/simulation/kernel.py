@@ -11,7 +11,7 @@ from typing import Any
 
 from numba import njit
 
-from resting_aspects_ros.simulation.kernel_engine import (
+from resting_aspects_ros.simulation.kernel_data import (
     ACROSS,
     ANGULAR,
     CARRIES,

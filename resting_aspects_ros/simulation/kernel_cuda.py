@@ -11,15 +11,15 @@ from numba import cuda, float64, int64
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import EngineError
-from resting_aspects_ros.simulation import kernel, kernel_engine
+from resting_aspects_ros.simulation import kernel, kernel_data
 
 # Threads of a block, maximum number of blocks, and maximum memory of the arrays of corners, bytes.
 # A GPU makes as many blocks at once as it can; those that begin late find no drop left.
 BLOCK, BLOCKS, MEMORY = 32, 2048, 2**30
 # Maximum number of planes, their contacts, and the columns of both.
 PLANES = 8
-CONTACTS = PLANES * kernel_engine.CONTACTS
-PICKED, COLUMNS, WIDTH = kernel_engine.CONTACTS, kernel_engine.COLUMNS, kernel_engine.PLANE
+CONTACTS = PLANES * kernel_data.CONTACTS
+PICKED, COLUMNS, WIDTH = kernel_data.CONTACTS, kernel_data.COLUMNS, kernel_data.PLANE
 # One range of drops at a time is on the GPU, while other threads prepare theirs.
 _lock = threading.Lock()
 # Few drops cannot occupy a GPU, which Numba would report for each number of them.
@@ -33,11 +33,11 @@ def check_device() -> None:
 
 
 def simulate(
-    body: kernel_engine.Body,
-    ground: kernel_engine.Ground,
-    numerics: kernel_engine.Numerics,
+    body: kernel_data.Body,
+    ground: kernel_data.Ground,
+    numerics: kernel_data.Numerics,
     limit: Array,
-    states: kernel_engine.States,
+    states: kernel_data.States,
     ends: Array,
     codes: Indices,
 ) -> None:
@@ -56,8 +56,8 @@ def simulate(
         _announce()
         found = cuda.device_array(ends.shape), cuda.device_array(codes.shape, codes.dtype)
         _drops[blocks, BLOCK](
-            kernel_engine.Body(*map(_there, body)),
-            kernel_engine.Ground(*map(_there, ground)),
+            kernel_data.Body(*map(_there, body)),
+            kernel_data.Ground(*map(_there, ground)),
             numerics,
             (array(planes, corners), array(planes, corners + 1), array(corners)),
             array(planes, 3, corners, dtype=np.float64),
@@ -91,7 +91,7 @@ def _drops(body, ground, numerics, corners, values, limit, states, ends, codes, 
     i, n = cuda.grid(1), len(ground.planes)
     few = n * PICKED
     found, touching, mark = corners
-    work = kernel_engine.Work(
+    work = kernel_data.Work(
         planes=cuda.local.array((PLANES, WIDTH), float64)[:n],
         axes=cuda.local.array((PLANES, 9), float64)[:n],
         found=found[..., i],

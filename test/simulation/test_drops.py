@@ -18,7 +18,7 @@ from scipy.stats import chi2, chi2_contingency, chisquare, kstest
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import down_in_part, rotate
-from resting_aspects_ros.simulation import kernel, kernel_engine, settling
+from resting_aspects_ros.simulation import kernel, kernel_data, settling
 from resting_aspects_ros.simulation.bullet_engine import GROUP
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import make_job
@@ -256,7 +256,7 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
     if engine == KERNEL:
         # No impact adds energy. Heights are as accurate as the distance at which corners touch.
         assert decided.energy_growth.min() >= 0
-        assert decided.energy_growth.max() < kernel_engine.GAP
+        assert decided.energy_growth.max() < kernel_data.GAP
     unit = math.sqrt(shape.hull_radius / conditions.gravity)
     later = still.time_to_rest - decided.time_to_rest
     delay = settling.CHECK_INTERVAL if engine == BULLET else kernel.QUIET

@@ -58,7 +58,7 @@ ON_A_GPU = """
 import numpy as np
 from resting_aspects_ros import load_part
 from resting_aspects_ros.api.conditions import with_surroundings
-from resting_aspects_ros.simulation import kernel, kernel_cuda, kernel_engine
+from resting_aspects_ros.simulation import kernel, kernel_cuda, kernel_data
 from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of
 from resting_aspects_ros.simulation.job import make_job
@@ -71,8 +71,8 @@ for name, surroundings in (('cylinder_d20_h20', None), ('hex_nut', 'tray')):
     start = initial_states(job, 0, 3)
     states = start.position, start.velocity, start.spin, start.orientation
     one, other = [(np.zeros((3, 15)), np.zeros((3, 2), np.int64)) for _ in range(2)]
-    given, limits = (body, ground, kernel_engine.Numerics()), np.full(3, 500.0)
-    kernel.simulate(*given, kernel_engine.work_of(body, ground), limits, states, *one)
+    given, limits = (body, ground, kernel_data.Numerics()), np.full(3, 500.0)
+    kernel.simulate(*given, kernel_data.work_of(body, ground), limits, states, *one)
     kernel_cuda.simulate(*given, limits, states, *other)
     for a, b in zip(one, other):
         np.testing.assert_array_equal(a, b)

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.rotations import random_orientations
-from resting_aspects_ros.simulation import kernel, kernel_engine
+from resting_aspects_ros.simulation import kernel, kernel_data
 from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.scene import depth_of
@@ -45,7 +45,7 @@ class Lab:
 
     def collide(self, position, velocity, spin, orientation):
         """Velocities and spins after an impact of all corners that touch the plane."""
-        work, inverse = kernel_engine.work_of(self.body, self.ground), 1 / self.moments
+        work, inverse = kernel_data.work_of(self.body, self.ground), 1 / self.moments
         work.planes[:] = self.ground.planes
         found = np.concatenate([velocity, spin], axis=1)
         for k in range(len(position)):
@@ -63,7 +63,7 @@ class Lab:
     def run(self, position, velocity, spin, orientation, limit, **numerics):
         n = len(position)
         ends, codes = np.empty((n, 15)), np.empty((n, 2), dtype=np.int64)
-        given = kernel_engine.Numerics(**{'decides': False, **numerics})
+        given = kernel_data.Numerics(**{'decides': False, **numerics})
         states = position, velocity, spin, orientation
         simulate(self.body, self.ground, given, limit, states, ends, codes)
         return ends, codes
