@@ -413,7 +413,7 @@ EXPECTED = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surfaces:
     """The named sets of conditions, and what each resembles and where its values come from."""
 

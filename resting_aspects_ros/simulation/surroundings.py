@@ -319,7 +319,7 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
         if isinstance(mesh, str):
             document['mesh'] = str(file.parent / mesh)
         values = _changed(document, changes or {})
-        sha256 = values.pop('mesh_sha256', '')
+        sha256 = values.pop('mesh_sha256', '') if 'mesh' in values else ''
         found = make_surroundings(values, file.stem if is_file or not changes else text)
         if sha256 and sha256 != found.shape_values.get('mesh_sha256'):
             raise InvalidValueError(
