@@ -35,7 +35,6 @@ from resting_aspects_ros.simulation.conditions import (
     UNCERTAINTY,
     DropConditions,
     Surfaces,
-    actions_file,
     all_surfaces,
 )
 from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Scene, make_scene
@@ -50,6 +49,7 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     tray_from_scene,
 )
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
+from resting_aspects_ros.system import config_folder
 
 if TYPE_CHECKING:
     from resting_aspects_ros.simulation.actions import Actions
@@ -88,7 +88,7 @@ def shipped_actions() -> 'Actions':
     # This import is slow because of NumPy, which --help does not need.
     from resting_aspects_ros.simulation.actions import Actions
 
-    return Actions(actions_file())
+    return Actions(config_folder() / 'actions.yaml')
 
 
 def surface_text(conditions: DropConditions) -> str:

@@ -26,7 +26,7 @@ from resting_aspects_ros.simulation.conditions import (
     Noise,
 )
 from resting_aspects_ros.simulation.job import DropJob, RunDescription, plan_run
-from resting_aspects_ros.simulation.scene import Scene, depth_along, in_scene_axes
+from resting_aspects_ros.simulation.scene import Scene, depth_of, in_scene_axes
 from resting_aspects_ros.simulation.starts import (
     Action,
     GivenStarts,
@@ -91,7 +91,7 @@ def _check_outside(part: Part, scene: Scene, given: GivenStates) -> None:
         position = scene.in_scene(given.position[rows])
         orientation = in_scene_axes(scene, given.orientation[rows])
         for plane in scene.half_spaces:
-            reach = depth_along(orientation, -plane.normal, corners)
+            reach = depth_of(orientation, corners, -plane.normal)
             gap = (position * plane.normal).sum(axis=1) - plane.offset - reach
             worst = int(gap.argmin())
             if gap[worst] < -MAX_OVERLAP * part.hull_radius:

@@ -205,7 +205,7 @@ class Runner:
     ) -> None:
         """Make the drops or actions of a run until the tally is complete; raises EngineError."""
         with DropProgress(label or run.part, run.drops, unit, shown=self.progress) as bar:
-            with closing(drop_chunks(job, run, self.workers, warn)) as steps:
+            with closing(drop_chunks(job, run, self.workers)) as steps:
                 for step in steps:
                     if isinstance(step, Future):
                         while not self.stopped() and not wait([step], PROGRESS_PERIOD).done:

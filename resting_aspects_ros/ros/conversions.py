@@ -2,7 +2,7 @@
 
 from array import array
 from collections.abc import Iterable
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -305,7 +305,7 @@ def surroundings_from_msg(message: SurroundingsDescription) -> Surroundings:
     mesh = mesh_file(bytes(message.mesh), shape.mesh, label)
     if mesh.sha256 != shape.mesh_sha256:
         raise InvalidValueError(f'invalid {label}: expected the hash {shown(shape.mesh_sha256)}')
-    return replace(found, shape=replace(shape, file=mesh))
+    return found.with_mesh(mesh)
 
 
 def serialized_surroundings(data: bytes) -> Surroundings:

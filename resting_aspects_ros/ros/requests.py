@@ -34,9 +34,12 @@ from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
     Surfaces,
+)
+from resting_aspects_ros.simulation.surroundings import (
+    Surroundings,
+    named_surroundings,
     surroundings_folder,
 )
-from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshFile, MeshSurface
 from resting_aspects_ros.statistics.distribution import METHOD
 
@@ -289,5 +292,4 @@ class RequestedSurroundings:
                 f'invalid mesh {shown(shape.mesh)} of surroundings: expected one of the '
                 f'surroundings in {SURROUNDINGS_FOLDER.name} of {self._node.get_name()}'
             )
-        shape = dataclasses.replace(shape, file=meshes[shape.mesh_sha256])
-        return dataclasses.replace(around, shape=shape)
+        return around.with_mesh(meshes[shape.mesh_sha256])
