@@ -1,6 +1,4 @@
-"""Tables and texts on standard output, and the progress of a replay."""
-
-from typing import TYPE_CHECKING
+"""Tables and texts on standard output."""
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -8,7 +6,6 @@ from rich.measure import Measurement
 from resting_aspects_ros.api.conditions import outcome_hints, simulated_shapes
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import model_range_text
-from resting_aspects_ros.api.runner import ShownProgress
 from resting_aspects_ros.cli.life_cycle import note_table
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import (
@@ -20,9 +17,6 @@ from resting_aspects_ros.report.drops import (
 from resting_aspects_ros.report.format import size_text
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.distribution import Distribution
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.nodes.log_replayer.node import ReplayPosition
 
 # Width of a table that is written to a pipe or a file.
 PIPED_WIDTH = 80
@@ -94,25 +88,3 @@ def print_result(result: DropResult, *, each: bool = False) -> None:
     show_texts(*outcome_hints(result.distribution, result.run.conditions, radius))
     if result.convergence is not None:
         print(result.convergence.text())
-
-
-class ReplayProgress(ShownProgress):
-    """Progress bar with the position of a replay; only on a terminal."""
-
-    def __init__(self) -> None:
-        super().__init__('', 1.0)
-
-    def update(self, position: 'ReplayPosition') -> None:
-        """Update the displayed position; the first call shows the bar, the end removes it."""
-        if self._bar is None:
-            return
-        self._bar.update(
-            self._task,
-            description='paused' if position.paused else 'replay',
-            completed=1.0 if position.over else position.seconds / (position.length or 1.0),
-            text=str(position),
-        )
-        self._bar.start()
-        if position.over:
-            self._bar.stop()
-            self._bar = None

@@ -39,21 +39,13 @@ _NO_START = 2**63 - 1
 
 
 def is_compressed(path: Path) -> bool:
-    """Return whether a path is that of a compressed MCAP file, by its suffix."""
+    """Return whether an MCAP file is compressed, by its suffix."""
     return path.name.endswith(_COMPRESSED)
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a path looks like a log: a folder, or MCAP by its suffix or first bytes."""
-    if is_folder(path) or _is_mcap(path) or path.name == FILE_NAME:
-        return True
-    if not is_file(path):
-        return False  # it does not exist, or is a pipe, whose data can be read only once
-    try:
-        with path.open('rb') as file:
-            return file.read(5) == MAGIC[:5]
-    except OSError:
-        return False
+    """Return whether a path is meant to be a log: a folder, or an MCAP file by its suffix."""
+    return is_folder(path) or _is_mcap(path) or path.name == FILE_NAME
 
 
 def log_files(path: Path) -> list[Path]:
@@ -85,8 +77,6 @@ def log_files(path: Path) -> list[Path]:
         )
     if not found:
         message = f'{named("folder", path)} is not a log: it has no {_SUFFIX} file'
-        if logs := len({file.parent for file in folder.glob(f'*/*{_SUFFIX}')}):
-            message += f', but {logs} of its subfolders have one'
         raise NoLogError(f'{message}; {EXPECTED}')
     return found
 
@@ -249,13 +239,6 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
         with suppress(OSError):
             temporary.unlink()
         raise
-    # The entries of the folders survive a power failure too. Windows does not open a folder.
-    for each in (folder, folder.parent) if os.name == 'posix' else ():
-        descriptor = os.open(each, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def read_information(folder: Path) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Reading of one MCAP file, which may be closed, being written, truncated or damaged.
 
-The records are parsed by the readers of mcap, one by one from their own bytes: mcap trusts the
-lengths within a record, unpacks a chunk to any size and skips what it does not know.
+The records are parsed by the reader of mcap, one by one from their own bytes: mcap trusts the
+lengths within a record, unpacks a chunk to any size and skips what it does not know. The index at
+the end of a closed file is for other programs: logs are small, and are read from their start.
 
 Every batch is flushed, so a crash truncates a file at its end, and all complete records before
 the end are valid. Any other deviation is damage, and a damaged file is rejected. Unlike `mcap
@@ -9,11 +10,9 @@ recover`, this module does not search a damaged file for readable records.
 """
 
 import os
-import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -21,33 +20,20 @@ from typing import IO, Any, NamedTuple
 import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
-from mcap.reader import NonSeekingReader
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    DataEnd,
-    McapRecord,
-    Message,
-    Metadata,
-    Schema,
-)
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
-from mcap.summary import Summary
 
 from resting_aspects_ros.errors import LogError, NoLogError, one_line
 from resting_aspects_ros.input_files import named
 from resting_aspects_ros.logs.bag import EXPECTED, MAGIC, open_file, unpacking_failure
 from resting_aspects_ros.system import lock_file, unlock_file
 
-# Maximum size in bytes of a record, of an unpacked chunk and of the index. The largest record of
-# a log is a part's description with its mesh.
+# Maximum size in bytes of a record and of an unpacked chunk. The largest record of a log is a
+# part's description with its mesh.
 MAX_RECORD = 1 << 28
 
 # Size of opcode and length, which precede the content of a record.
 _HEAD = 9
-# Size of the last record, the footer, and of the magic bytes after it.
-_END = 29 + len(MAGIC)
 _IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _IN_DATA = (
     *_IN_CHUNKS,
@@ -99,35 +85,34 @@ class _DamageError(Exception):
     """The bytes are not valid MCAP; the message describes what was found."""
 
 
+class _TruncatedError(_DamageError):
+    """A record is longer than what contains it."""
+
+
 class McapFile:
     """One MCAP file that is open for reading; `stack` closes it. For attributes see `Log`.
 
     metadata : dict
         The metadata records that were read, by name.
+    message_count : int
+        Number of messages that were read.
     """
 
     def __init__(self, path: Path, stack: ExitStack) -> None:
         self.path = path
         self.metadata: dict[str, dict[str, str]] = {}
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._read = 0
+        self.message_count = 0
         self.stream = stack.enter_context(open_file(path))
         with self._checked():
             self.being_written = _is_locked(self.stream)
             self._size = self.stream.seek(0, os.SEEK_END)
-            begins = self._at(0, len(MAGIC))
-            ends = self._at(max(0, self._size - len(MAGIC)), len(MAGIC))
+            self.stream.seek(max(0, self._size - len(MAGIC)))
+            self.closed = self.stream.read() == MAGIC and self._size > len(MAGIC)
+            self.stream.seek(0)
+            begins = self.stream.read(len(MAGIC))
         if not MAGIC.startswith(begins):
             message = f'{named("log", path)} is damaged, or not an MCAP file: it begins with'
             raise NoLogError(f'{message} {begins!r}; {EXPECTED}')
-        self.closed = ends == MAGIC and self._size > len(MAGIC)
-
-    @property
-    def message_count(self) -> int:
-        """Number of messages; without an index, of those that were read."""
-        statistics = self.index.statistics if self.index else None
-        return self._read if statistics is None else statistics.message_count
 
     def messages(self) -> Iterator[LoggedMessage]:
         """Yield the messages in file order, see `Log.messages`."""
@@ -135,57 +120,27 @@ class McapFile:
 
     def records(self) -> Iterator[LoggedMessage | Attachment]:
         """Yield the messages and attachments in file order, up to a truncated end."""
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        self.message_count = 0
         with self._checked():
             for record in self._data():
                 if isinstance(record, Message):
-                    self._read += 1
-                    yield self._logged(record)
+                    channel = channels.get(record.channel_id)
+                    if channel is None:
+                        raise _DamageError(f'a message of unknown channel {record.channel_id}')
+                    self.message_count += 1
+                    yield LoggedMessage(schemas.get(channel.schema_id), channel, record)
                 elif isinstance(record, Attachment):
                     yield record
-                else:
-                    self._note(record)
-
-    @cached_property
-    def index(self) -> Summary | None:
-        """The index at the end; None if there is none that covers all messages."""
-        if not self.closed:
-            return None
-        with self._checked():
-            found = NonSeekingReader(BytesIO(MAGIC + self._summary())).get_summary()
-            if found is None or not _is_complete(found):
-                return None
-            for each in (*found.schemas.values(), *found.channels.values()):
-                self._note(each)
-            return found
-
-    def indexed_metadata(self, name: str) -> dict[str, str]:
-        """Return the last metadata record of a name, or no values; requires an index."""
-        assert self.index is not None
-        values: dict[str, str] = {}
-        with self._checked():
-            for each in self.index.metadata_indexes:
-                if each.name == name:
-                    values = _parsed(self._frame(each.offset), [Opcode.METADATA]).metadata
-        return values
-
-    def indexed_message(self, type_name: str, *, last: bool) -> LoggedMessage | None:
-        """Return the first or last message of a type; None without; requires an index."""
-        assert self.index is not None
-        kinds = {k for k, schema in self.index.schemas.items() if schema.name == type_name}
-        wanted = {k for k, each in self.index.channels.items() if each.schema_id in kinds}
-        places = [
-            each.chunk_start_offset
-            for each in self.index.chunk_indexes
-            # A writer may omit the message index.
-            if not each.message_index_offsets or wanted & each.message_index_offsets.keys()
-        ]
-        with self._checked():
-            for place in sorted(places, reverse=last):
-                records = _chunk_records(_parsed(self._frame(place), [Opcode.CHUNK]))
-                messages = [each for each in records if isinstance(each, Message)]
-                if found := [each for each in messages if each.channel_id in wanted]:
-                    return self._logged(found[-1 if last else 0])
-        return None
+                elif isinstance(record, Metadata):
+                    self.metadata[record.name] = record.metadata
+                elif isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    if record.schema_id and record.schema_id not in schemas:
+                        raise _DamageError(f'a channel of unknown schema {record.schema_id}')
+                    channels[record.id] = record
 
     @contextmanager
     def _checked(self) -> Iterator[None]:
@@ -203,76 +158,30 @@ class McapFile:
                 'of the MCAP command line tool, copies the readable messages'
             ) from error
 
-    def _data(self) -> Iterator[McapRecord]:
+    def _data(self) -> Iterator[Any]:
         """Yield the records before the index, also those in chunks."""
-        crc, start = zlib.crc32(MAGIC), len(MAGIC)
-        while frame := self._frame(start):
+        self.stream.seek(len(MAGIC))
+        crc = zlib.crc32(MAGIC)
+        while True:
             try:
+                frame = _frame(self.stream, self._size)
                 record = _parsed(frame, _IN_DATA)
                 content = _chunk_records(record) if isinstance(record, Chunk) else [record]
-            except Exception:
-                if not self.closed and self._ends_in_zeros(start + len(frame) - 1):
-                    return  # as after a power failure
-                raise
+            except Exception as error:
+                cut = isinstance(error, _TruncatedError) or self._ends_in_zeros()
+                if self.closed or not cut:
+                    raise
+                return
             if isinstance(record, DataEnd):
                 _check_crc('data', record.data_section_crc, crc)
-                if self.closed:
-                    self._summary()
                 return
+            crc = zlib.crc32(frame, crc)
             yield from content
-            crc, start = zlib.crc32(frame, crc), start + len(frame)
 
-    def _logged(self, message: Message) -> LoggedMessage:
-        channel = self._channels.get(message.channel_id)
-        if channel is None:
-            raise _DamageError(f'a message of the unknown channel {message.channel_id}')
-        return LoggedMessage(self._schemas.get(channel.schema_id), channel, message)
-
-    def _note(self, record: McapRecord) -> None:
-        if isinstance(record, Metadata):
-            self.metadata[record.name] = record.metadata
-        elif isinstance(record, Schema):
-            self._schemas[record.id] = record
-        elif isinstance(record, Channel):
-            if record.schema_id and record.schema_id not in self._schemas:
-                raise _DamageError(f'a channel of the unknown schema {record.schema_id}')
-            self._channels[record.id] = record
-
-    def _summary(self) -> bytes:
-        """Return the end of a closed file: index, if there is one, footer and magic bytes."""
-        end = self._at(max(0, self._size - _END), _END)
-        if end[:_HEAD] != bytes([Opcode.FOOTER, 20, *bytes(7)]):
-            raise _DamageError('no footer')
-        start, _, crc = struct.unpack('<QQI', end[_HEAD : -len(MAGIC)])
-        size = self._size - (start or self._size - _END)
-        if not _END <= size <= min(MAX_RECORD, self._size - len(MAGIC)):
-            raise _DamageError(f'a summary at byte {start} of {self._size}')
-        summary = self._at(self._size - size, size)
-        if start:  # the checksum covers all before itself
-            _check_crc('a summary', crc, zlib.crc32(summary[: -len(MAGIC) - 4]))
-        return summary
-
-    def _frame(self, start: int) -> bytes:
-        """Return the bytes of the record at an offset; empty if the record is truncated."""
-        head = self._at(start, _HEAD)
-        length = int.from_bytes(head[1:], 'little')
-        if len(head) == _HEAD and length <= self._size - start - _HEAD:
-            if length > MAX_RECORD:
-                raise _DamageError(f'a record of {length} bytes: expected at most {MAX_RECORD}')
-            return self._at(start, _HEAD + length)
-        if self.closed:
-            raise _DamageError(f'a record at byte {start} that exceeds the file')
-        return b''
-
-    def _ends_in_zeros(self, start: int) -> bool:
-        """Return whether the file has only zeros from an offset on, at least _MIN_ZEROS."""
-        start = min(start, max(0, self._size - _MIN_ZEROS))
-        return not self._at(start, self._size).strip(b'\0')
-
-    def _at(self, start: int, length: int) -> bytes:
-        """Return up to ``length`` bytes, but none beyond the size at the time of opening."""
-        self.stream.seek(min(start, self._size))
-        return self.stream.read(max(0, min(length, self._size - start)))
+    def _ends_in_zeros(self) -> bool:
+        """Return whether only zeros follow the last record, as after a power failure."""
+        self.stream.seek(min(self.stream.tell() - 1, max(0, self._size - _MIN_ZEROS)))
+        return not self.stream.read().strip(b'\0')
 
 
 def _is_locked(file: IO[bytes]) -> bool:
@@ -286,7 +195,7 @@ def _is_locked(file: IO[bytes]) -> bool:
 # -- records --------------------------------------------------------------------------------------
 
 
-class _Frame(BytesIO):
+class _Content(BytesIO):
     """The bytes of a record; reading beyond their end raises _DamageError."""
 
     def read(self, size: int | None = -1) -> bytes:
@@ -296,38 +205,40 @@ class _Frame(BytesIO):
         return data
 
 
-def _parsed(frame: bytes, allowed: Collection[int]) -> Any:
+def _frame(stream: IO[bytes], size: int) -> bytes:
+    """Return the next record, with its opcode and length, of a stream with a known size."""
+    head = stream.read(min(_HEAD, size - stream.tell()))
+    length = int.from_bytes(head[1:], 'little')
+    if len(head) < _HEAD or length > size - stream.tell():
+        raise _TruncatedError('a record that exceeds its container')
+    if length > MAX_RECORD:
+        raise _DamageError(f'a record of {length} bytes: expected at most {MAX_RECORD}')
+    return head + stream.read(length)
+
+
+def _parsed(frame: bytes, allowed: tuple[int, ...]) -> Any:
     """Return a record; raises _DamageError, or any exception of mcap for invalid content.
 
     Private records, which MCAP allows, are rejected: no writer of ROS logs uses them.
     """
-    if not frame or frame[0] not in allowed:
-        raise _DamageError(f'an unexpected record with the opcode {frame[0] if frame else None}')
-    reader = StreamReader(
-        _Frame(frame), skip_magic=True, emit_chunks=True, record_size_limit=MAX_RECORD
-    )
-    record = next(reader.records)
-    if isinstance(record, Attachment):  # mcap does not compare its checksum
-        crc = int.from_bytes(frame[-4:], 'little')
-        _check_crc('an attachment', crc, zlib.crc32(frame[_HEAD:-4]))
-    return record
+    if frame[0] not in allowed:
+        raise _DamageError(f'an unexpected record with the opcode {frame[0]}')
+    reader = StreamReader(_Content(frame), skip_magic=True, emit_chunks=True)
+    return next(reader.records)
 
 
-def _chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
+def _chunk_records(chunk: Chunk) -> list[Any]:
     """Unpack a chunk, and parse its records one by one; for errors see `_parsed`."""
     content = _unpacked(chunk)
     _check_crc('a chunk', chunk.uncompressed_crc, zlib.crc32(content))
-    return (_parsed(frame, _IN_CHUNKS) for frame in _frames(content))
-
-
-def _frames(content: bytes) -> Iterator[bytes]:
-    start = 0
-    while start < len(content):
-        end = start + _HEAD + int.from_bytes(content[start + 1 : start + _HEAD], 'little')
-        if not start + _HEAD <= end <= len(content):
-            raise _DamageError('a record that exceeds its container')
-        yield content[start:end]
-        start = end
+    stream, records = BytesIO(content), []
+    while stream.tell() < len(content):
+        try:
+            frame = _frame(stream, len(content))
+        except _TruncatedError as error:
+            raise _DamageError(str(error)) from None
+        records.append(_parsed(frame, _IN_CHUNKS))
+    return records
 
 
 def _unpacked(chunk: Chunk) -> bytes:
@@ -355,14 +266,3 @@ def _unpacked(chunk: Chunk) -> bytes:
 def _check_crc(what: str, crc: int, computed: int) -> None:
     if crc not in (0, computed):
         raise _DamageError(f'{what} with a wrong checksum')
-
-
-def _is_complete(summary: Summary) -> bool:
-    """Return whether an index covers all messages; _DamageError if it is inconsistent."""
-    statistics, chunks = summary.statistics, summary.chunk_indexes
-    if statistics is None or statistics.chunk_count != len(chunks):
-        return False
-    used = set(statistics.channel_message_counts).union(*(c.message_index_offsets for c in chunks))
-    if unknown := used - summary.channels.keys():
-        raise _DamageError(f'a message index of the unknown channel {min(unknown)}')
-    return bool(statistics.chunk_count or not statistics.message_count)

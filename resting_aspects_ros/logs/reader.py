@@ -1,4 +1,4 @@
-"""Reading of logs, closed or not: messages by type, through the index, and for playback."""
+"""Reading of logs, closed or not: messages by type, and for playback."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import heapq
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 from resting_aspects_ros.errors import LogError, one_line
@@ -48,24 +47,15 @@ class Log:
         self.being_written = any(file.being_written for file in files)
 
     @property
-    def has_index(self) -> bool:
-        """Whether the log is one closed file whose index covers all messages."""
-        return len(self._files) == 1 and self._files[0].index is not None
-
-    @property
     def message_count(self) -> int:
-        """Number of messages according to the index; otherwise of those that were read."""
+        """Number of messages that were read."""
         return sum(file.message_count for file in self._files)
 
     @property
     def outcome(self) -> LogOutcome | None:
-        """The outcome that a closed log records; without an index, known after it was read."""
-        if not self.closed:
-            return None
-        if self.has_index:
-            return LogOutcome.of(self._files[0].indexed_metadata(OUTCOME))
+        """The outcome that a closed log records; known after all messages were read."""
         found = [file.metadata[OUTCOME] for file in self._files if OUTCOME in file.metadata]
-        return LogOutcome.of(found[-1]) if found else None
+        return LogOutcome.of(found[-1]) if found and self.closed else None
 
     @property
     def warning(self) -> str:
@@ -102,21 +92,6 @@ class Log:
                     checked.add((kind, message.type_hash))
                 yield message
 
-    def first(self, type_name: str) -> bytes | None:
-        """Return the first message of a type in a file with an index; None if there is none."""
-        return self._indexed(type_name, last=False)
-
-    def last(self, type_name: str) -> bytes | None:
-        """Return the last message of a type in a file with an index; None if there is none."""
-        return self._indexed(type_name, last=True)
-
-    def _indexed(self, type_name: str, *, last: bool) -> bytes | None:
-        found = self._files[0].indexed_message(type_name, last=last)
-        if found is None:
-            return None
-        check_definition(self.path, type_name, found.type_hash)
-        return found.data
-
 
 def messages(path: Path, type_name: str) -> Iterator[bytes]:
     """Yield all messages of a type in a log as CDR; see `Log.of_types`."""
@@ -128,7 +103,7 @@ def messages(path: Path, type_name: str) -> Iterator[bytes]:
 # -- playback -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass
 class RecordedTopic:
     """A topic as described by a log of any writer.
 
@@ -138,6 +113,8 @@ class RecordedTopic:
         None if it is not recorded.
     type_hash : str
         None if it is not recorded.
+    start, end : int
+        Log times of the first and the last message, ns since 1970.
     """
 
     name: str
@@ -145,22 +122,15 @@ class RecordedTopic:
     encoding: str
     qos: Qos | None
     type_hash: str | None
-
-
-@dataclass
-class Span:
-    """Log times of the first and the last message, ns since 1970, and the number of messages."""
-
     start: int
     end: int
-    messages: int
 
 
 class Recording:
-    """The complete messages of a log, which is read once for its topics and again for playback.
+    """The messages of a log, which is read once for its topics and again for each playback.
 
-    No index is needed, so the log may be one that was not closed or is being written. At most one
-    chunk is in memory at a time.
+    The log may be one that was not closed or is being written. At most one chunk is in memory at
+    a time.
 
     path : Path
         A folder, its metadata.yaml, or an MCAP file.
@@ -177,53 +147,25 @@ class Recording:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.topics: dict[str, RecordedTopic] = {}
-        self._spans: dict[str, Span] = {}
         with open_log(path) as log:
             self.warning = log.warning
             for message in _in_time(log):
                 self._add(message)
-        self._count = sum(span.messages for span in self._spans.values())
-        if not self._count:
+        if not self.topics:
             raise LogError(f'invalid log {str(path)!r}: expected at least one message, found none')
 
-    def span(self, topics: Collection[str]) -> Span:
-        """Return the span of the messages of at least one topic."""
-        spans = [self._spans[name] for name in topics]
-        return Span(
-            min(span.start for span in spans),
-            max(span.end for span in spans),
-            sum(span.messages for span in spans),
-        )
-
-    def messages(
-        self, topics: Collection[str], first: Collection[str] = ()
-    ) -> Iterator[LoggedMessage]:
-        """Yield the messages of some topics in time order; times never decrease.
-
-        first : names of topics
-            The first message of each of these topics is yielded before all other messages, with
-            the time of the first message of all.
-        """
-        early: dict[str, LoggedMessage] = {}
-        for message in self._all() if first else ():
-            if message.topic in first:
-                early.setdefault(message.topic, message)
-            if len(early) == len(first):
-                break
-        start = self.span(topics).start
-        for each in early.values():
-            each.message.log_time = start
-            yield each
-        for message in self._all():
-            if early.pop(message.topic, None) is None and message.topic in topics:
-                yield message
+    def messages(self, topics: Collection[str]) -> Iterator[LoggedMessage]:
+        """Yield the messages of some topics in time order; times never decrease."""
+        with open_log(self.path) as log:
+            for message in _in_time(log):
+                if message.topic in topics:
+                    yield message
 
     def _add(self, message: LoggedMessage) -> None:
-        name, time = message.topic, message.time
+        name = message.topic
         if name not in self.topics:
             self.topics[name] = self._topic(message)
-            self._spans[name] = Span(time, time, 0)
-        known, span = self.topics[name], self._spans[name]
+        known = self.topics[name]
         if (message.type, message.type_hash) != (known.type, known.type_hash):
             raise LogError(
                 one_line(
@@ -233,24 +175,19 @@ class Recording:
                     600,
                 )
             )
-        span.end = time
-        span.messages += 1
+        known.end = message.time
 
     def _topic(self, message: LoggedMessage) -> RecordedTopic:
-        channel = message.channel
+        channel, time = message.channel, message.time
         try:
             qos = recorded_qos(channel.metadata.get('offered_qos_profiles', ''))
         except LogError as error:
             topic = one_line(channel.topic)
             raise LogError(f'{named("log", self.path)}, topic {topic}: {error}') from None
+        encoding = channel.message_encoding
         return RecordedTopic(
-            channel.topic, message.type, channel.message_encoding, qos, message.type_hash
+            channel.topic, message.type, encoding, qos, message.type_hash, time, time
         )
-
-    def _all(self) -> Iterator[LoggedMessage]:
-        """Yield the messages that were complete when the log was read for its topics."""
-        with open_log(self.path) as log:
-            yield from islice(_in_time(log), self._count)
 
 
 def _in_time(log: Log) -> Iterator[LoggedMessage]:

@@ -94,7 +94,7 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
 
 def _recovered(file: McapFile, folder: Path | None, records: _Records) -> RecoveryResult:
     metadata = BagMetadata(file.path.name)
-    closed = file.index is not None
+    closed = file.closed
     if closed:
         for _ in _counted(file, metadata):
             pass

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
 from resting_aspects_interfaces.msg import Posterior
 from std_msgs.msg import Header
@@ -57,9 +56,9 @@ def totals_from(msg: ObservedCountsMsg, part: str, part_sha256: str) -> Totals:
 
 
 def observed_from(
-    messages: Iterable[tuple[int, bytes]], source: str, ids: Sequence[int]
+    messages: Iterable[tuple[int, ObservedCountsMsg]], source: str, ids: Sequence[int]
 ) -> ObservedCounts:
-    """Return the parts that serialized messages on observed_counts/<part> count.
+    """Return the parts that messages on observed_counts/<part> count.
 
     Each message is a batch with the parts since the last one of its session; messages that are
     not valid are left out, as aspect_classifier does.
@@ -71,8 +70,7 @@ def observed_from(
     sessions = CountSessions(len(ids))
     batches: list[Counts] = []
     labels: list[str] = []
-    for time, data in messages:
-        msg = deserialize_message(data, ObservedCountsMsg)
+    for time, msg in messages:
         totals = totals_from(msg, msg.part, '')
         try:
             new = sessions.add(totals, time)

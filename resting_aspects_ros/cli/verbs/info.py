@@ -24,9 +24,7 @@ from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import action_from
 from resting_aspects_ros.run_logs.contents import (
     LoggedRun,
-    logged_result,
-    read_feeder_log,
-    read_logged_run,
+    messages_by_topic,
     rest_of_run,
 )
 from resting_aspects_ros.simulation.actions import NamedAction
@@ -34,9 +32,9 @@ from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution
 
 DESCRIPTION = """Show the part, the conditions, the seed, the versions, the number of poses
-and the distribution in a log, or the action of a log of reorient_part. For the
-log of a feeder, show what was seen, advised, picked and counted. The log may
-be unfinished."""
+and the distribution in a log, or the action of a log of reorient_part. For any
+other log, such as that of a feeder, show the number of messages of each topic.
+The log may be unfinished."""
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects info run_0.mcap --json
@@ -55,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read a log and show its contents; returns the exit code. Raises LogError."""
-    found = read_logged_run(arguments.log)
+    found = LoggedRun(arguments.log)
     counted = _counted(found)
     show_result(
         arguments,
@@ -90,7 +88,7 @@ def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:
     run, part = found.run, found.part
     if run is None or part is None or part.part_sha256 != run.part_sha256:
         return None
-    result = logged_result(found.log)
+    result = found.result()
     return dataclasses.replace(result.distribution, contacts=result.contacts), result.complete
 
 
@@ -100,8 +98,9 @@ def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
     yield '', f'{_state(found)}, {found.messages} messages'
     run = _run(found)
     if run is None:
-        feeder = read_feeder_log(found.log)
-        yield from feeder.lines() if feeder else [('drops', 'none')]
+        yield 'drops', 'none'
+        for topic, number in messages_by_topic(found.log).items():
+            yield '', f'{topic}: {number} messages'
         return
     part = found.part
     yield 'part', f'{run.part}, sha256 {run.part_sha256}'
@@ -166,9 +165,9 @@ def _document(found: LoggedRun, counted: tuple[Distribution, bool] | None) -> di
         'poses': found.outcome.drops if action is None else 0,
     }
     fields: dict[str, object] = {}
-    if run is None and (feeder := read_feeder_log(found.log)) is not None:
-        fields['feeder'] = feeder.document()
-    if run is not None:
+    if run is None:
+        fields['topics'] = messages_by_topic(found.log)
+    else:
         fields = run.document()
     if part is not None:
         fields['mesh_sha256'] = part.mesh_sha256

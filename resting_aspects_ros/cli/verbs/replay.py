@@ -66,9 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
     flags = ('as_fast_as_possible', 'loop', 'clock')
     given |= {name: True for name in flags if getattr(arguments, name)}
-    from resting_aspects_ros.cli.console import ReplayProgress
     from resting_aspects_ros.ros.program import spin_nodes
 
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
-    with ReplayProgress() as progress:
-        return spin_nodes([lambda: LogReplayer(given, progress.update)], ros_args)
+    return spin_nodes([lambda: LogReplayer(given)], ros_args)
