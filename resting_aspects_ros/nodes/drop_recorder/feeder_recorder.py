@@ -24,7 +24,6 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.bag import OUTCOME, LogOutcome
 from resting_aspects_ros.logs.topics import PART_TYPE, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.callbacks import WorkTimer, subscribe
@@ -68,7 +67,7 @@ class FeederRecorder:
 
     Parameters
     ----------
-    folder : returns the folder of the logs
+    folder : of the logs
     parts : returns the serialized description of a part by name, or None
 
     Attributes
@@ -79,22 +78,16 @@ class FeederRecorder:
         Why the last message was not written; empty if it was.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        folder: Callable[[], Path],
-        parts: Callable[[str], bytes | None],
-    ) -> None:
+    def __init__(self, node: Node, folder: Path, parts: Callable[[str], bytes | None]) -> None:
         self._node = node
         self._folder = folder
         self._parts = parts
         self._log: RunLog | None = None
-        self._path = Path()
         self._bytes = self._count = 0
         self._last = self._retry = 0.0
         self._described: set[str] = set()
         self._newest: dict[str, tuple[Topic, bytes]] = {}  # of the latched topics, by name
-        self.messages = self.lost = 0
+        self.messages = 0
         self.error = ''
         self._idle = WorkTimer(node, CLOSE_PERIOD, 'a log is not closed', self._close_idle)
         qos = offered_qos(CELL)
@@ -109,17 +102,11 @@ class FeederRecorder:
     @property
     def file(self) -> str:
         """Path of the log that is being written, or ''."""
-        return str(self._path) if self._log is not None else ''
-
-    @property
-    def problem(self) -> str:
-        """Error with the number of lost messages, or ''."""
-        lost = count_text(self.lost, 'message', 'messages')
-        return f'{lost} of the feeder not recorded: {self.error}' if self.error else ''
+        return '' if self._log is None else str(self._log.path)
 
     def _close_idle(self) -> bool:
         """Close the log if no message has arrived for a time; returns whether it is open."""
-        if self._log is not None and time.monotonic() - self._last > IDLE:
+        if time.monotonic() - self._last > IDLE:
             self.close()
         return self._log is not None
 
@@ -129,14 +116,12 @@ class FeederRecorder:
         if log is None:
             return
         try:
-            # So that no reader searches the whole file for drops.
-            log.add_metadata(OUTCOME, LogOutcome(0, whole=True).record())
             log.close()
         except LogError as error:
             self._fail(error)
             return
         written = count_text(self._count, 'message', 'messages')
-        self._node.get_logger().info(f'{written} of the feeder are in {self._path}')
+        self._node.get_logger().info(f'{written} of the feeder are in {log.path.parent}')
 
     def _record_of(self, kind: int, part: str, data: bytes) -> None:
         topic = self._discoveries[kind].logged(part)
@@ -147,55 +132,51 @@ class FeederRecorder:
         """Write a message, and what has to precede it."""
         self._last = time.monotonic()
         if self.error and self._last < self._retry:
-            self.lost += 1
             return
         try:
             if self._bytes >= MAX_BYTES or self._count >= MAX_MESSAGES:
                 self.close()
-            if self._log is None:
-                self._begin()
-            assert self._log is not None
-            self._write(self._log, topic, data, part)
-            self._log.flush()
+            log = self._log or self._begin()
+            self._write(log, topic, data, part)
+            log.flush()
         except LogError as error:
             self._fail(error)
-            self.lost += 1
             return
         self.messages += 1
-        self.error, self.lost = '', 0
+        self.error = ''
 
-    def _begin(self) -> None:
-        """Begin a log with the newest latched messages; raises LogError."""
+    def _begin(self) -> RunLog:
+        """Return a log that begins with the newest latched messages; raises LogError."""
         # A run folder begins with the name of a part, which has no "-".
         # The fraction of the second sorts logs by their start.
         seconds, fraction = divmod(time.time_ns(), NANOSECONDS)
         started = datetime.fromtimestamp(seconds, timezone.utc)
         name = f'feeder-{started:%Y%m%dT%H%M%SZ}-{fraction:09d}{uuid.uuid4().hex[:4]}'
-        self._path, self._bytes, self._count = self._folder() / name, 0, 0
+        self._bytes = self._count = 0
         self._described = set()
         self._idle.start()
-        self._log = log = RunLog(self._folder(), name)  # what fails from here on closes it
+        self._log = log = RunLog(self._folder, name)  # what fails from here on closes it
         log.add_metadata('feeder', {'namespace': self._node.get_namespace()})
         for topic, data in self._newest.values():
             self._write(log, topic, data, topic.name.rpartition('/')[2])
+        return log
 
     def _write(self, log: RunLog, topic: Topic, data: bytes, part: str) -> None:
         """Write a message, after the description of its part if that is not in the log yet."""
-        messages = [(topic, data)]
         described = self._parts(part) if part and part not in self._described else None
         if described is not None:
             self._described.add(part)
             name = self._node.resolve_topic_name(f'{PARTS}/{part}')
-            messages.insert(0, (Topic(name, PART_TYPE, offered_qos(LATCHED)), described))
-        for each, content in messages:
-            log.write(each, content, time.time_ns())  # not ROS time, which can be paused
+            log.write(Topic(name, PART_TYPE, offered_qos(LATCHED)), described, time.time_ns())
             self._count += 1
+        log.write(topic, data, time.time_ns())  # not ROS time, which can be paused
+        self._count += 1
         self._bytes += len(data)  # without a large mesh, which would begin a log for every message
 
     def _fail(self, error: LogError) -> None:
         if not self.error:
             self._node.get_logger().error(f'the feeder is not recorded: {error}')
-        self.error = str(error)
+        self.error = f'the feeder is not recorded: {error}'
         self._retry = time.monotonic() + RETRY
         log, self._log = self._log, None
         if log is not None:
