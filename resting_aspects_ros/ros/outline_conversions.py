@@ -15,9 +15,8 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.outlines import polygon_fields
-from resting_aspects_ros.ros.conversions import pose_msg, quaternion_msg
+from resting_aspects_ros.ros.conversions import pose_msg, quaternion_msg, shared
 from resting_aspects_ros.vision import outline as part_outline
-from resting_aspects_ros.vision.location import Pose
 from resting_aspects_ros.vision.outline import LookAlike
 from resting_aspects_ros.vision.rolling import Candidate
 
@@ -27,32 +26,6 @@ VERDICTS = {
     'same': Outline.SAME,
     'mirrored': Outline.MIRRORED,
 }
-# Fields with the same name and type in Outline and in Candidate and their messages.
-_OUTLINE_FIELDS = [
-    'symmetry_class',
-    'aspects',
-    'area',
-    'length',
-    'width',
-    'long_axis',
-    'height',
-    'com_height',
-    'yaw_symmetry',
-    'mirror_symmetric',
-]
-_CANDIDATE_FIELDS = [
-    'part',
-    'symmetry_class',
-    'aspects',
-    'x',
-    'y',
-    'yaw',
-    'overlap',
-    'distance',
-    'residual',
-    'prior',
-    'posterior',
-]
 
 
 def outlines_msg(
@@ -75,19 +48,19 @@ def outlines_msg(
 def _outline_msg(outline: part_outline.Outline, others: Sequence[LookAlike]) -> Outline:
     x, y = outline.centroid.tolist()
     family = [polygon_msgs(each) for each in outline.family]
-    return Outline(
-        **{name: getattr(outline, name) for name in _OUTLINE_FIELDS},
-        **polygon_msgs(outline.polygon),
-        orientation=quaternion_msg(outline.orientation),
-        centroid=Point(x=x, y=y),
-        family=[each['outer'] for each in family],
-        family_holes=[hole for each in family for hole in each['holes']],
-        family_hole_of=[k for k, each in enumerate(family) for _ in each['holes']],
-        other_class=[each.symmetry_class for each in others],
-        other_overlap=[each.overlap for each in others],
-        other_resolution=[each.resolution for each in others],
-        other_verdict=[VERDICTS[each.verdict] for each in others],
-    )
+    values = shared(outline, Outline) | polygon_msgs(outline.polygon)
+    values |= {
+        'orientation': quaternion_msg(outline.orientation),
+        'centroid': Point(x=x, y=y),
+        'family': [each['outer'] for each in family],
+        'family_holes': [hole for each in family for hole in each['holes']],
+        'family_hole_of': [k for k, each in enumerate(family) for _ in each['holes']],
+        'other_class': [each.symmetry_class for each in others],
+        'other_overlap': [each.overlap for each in others],
+        'other_resolution': [each.resolution for each in others],
+        'other_verdict': [VERDICTS[each.verdict] for each in others],
+    }
+    return Outline(**values)
 
 
 def polygon_msgs(polygon: Any) -> dict[str, Any]:
@@ -103,19 +76,13 @@ def polygon_from(outer: Polygon, holes: Iterable[Polygon]) -> dict[str, Any]:
 
 def candidate_msg(candidate: Candidate) -> PartCandidate:
     """Return the message for a candidate of an identification."""
-    return PartCandidate(
-        **{name: getattr(candidate, name) for name in _CANDIDATE_FIELDS},
-        **pose_fields(candidate.poses),
-    )
-
-
-def pose_fields(poses: Sequence[Pose]) -> dict[str, Any]:
-    """Return the fields ``poses``, ``pose_aspects`` and ``yaw_known`` for poses of one outline."""
-    return {
+    poses = candidate.poses
+    values = shared(candidate, PartCandidate) | {
         'poses': [pose_msg(each.position, each.orientation) for each in poses],
         'pose_aspects': [each.aspect for each in poses],
         'yaw_known': all(each.yaw_known for each in poses),
     }
+    return PartCandidate(**values)
 
 
 def _ring_msg(points: Iterable[tuple[float, float]]) -> Polygon:
