@@ -69,8 +69,7 @@ class RunLog:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, tuple[int, Schema]] = {}
         self._metadata = BagMetadata(self.path.name)
-        self._broken: str | None = None
-        self._closed = False
+        self._ended = ''  # why nothing can be written any more
         with self._guard():
             self._stream, self._writer = self._start()
 
@@ -131,12 +130,12 @@ class RunLog:
         no index, as after a crash. Raises LogError if a log without errors cannot be finished.
         """
         try:
-            if not self._closed and self._broken is None:
+            if not self._ended:
                 with self._guard():
                     finish_file(self._writer, self._stream, self._metadata)
                     write_metadata(self._folder, self._metadata)
         finally:
-            self._closed = True
+            self._ended = self._ended or f'log {self.path} is closed'
             _release(self._stream)
         return self._folder
 
@@ -175,20 +174,18 @@ class RunLog:
     @contextmanager
     def _guard(self) -> Iterator[None]:
         """Raise LogError if the log is closed or has failed, and store the first failure."""
-        if self._broken is not None:
-            raise LogError(self._broken)
-        if self._closed:
-            raise LogError(f'log {self.path} is closed')
+        if self._ended:
+            raise LogError(self._ended)
         try:
             yield
         except LogError:
             raise  # raised before anything was written
         except OSError as error:
-            self._broken = f'log {self.path} cannot be written: {error.strerror or error}'
-            raise LogError(self._broken) from error
+            self._ended = f'log {self.path} cannot be written: {error.strerror or error}'
+            raise LogError(self._ended) from error
         except BaseException as error:
             # The file may end with a partial record, after which no record could be read.
-            self._broken = f'log {self.path} was interrupted: {error!r}'
+            self._ended = f'log {self.path} was interrupted: {error!r}'
             raise
 
 

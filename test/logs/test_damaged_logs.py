@@ -279,24 +279,3 @@ def test_forged_size_needs_little_memory(tmp_path, forged, end):
     finally:
         tracemalloc.stop()
     assert most < 10**7
-
-
-# -- metadata.yaml -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    'damage',
-    [
-        lambda text: text[:300],
-        lambda text: text.replace('message_count: 6', 'message_count: 5'),
-        lambda text: 'rosbag2_bagfile_information: null',
-        lambda text: 'x' * (2 << 20),
-    ],
-)
-def test_wrong_metadata_yaml_is_replaced(sample, damage):
-    folder = sample.copy(sample.content, damage(sample.metadata))
-    found = recover_log(folder)
-    assert (found.closed, found.messages) == (False, 7)
-    assert (folder / 'metadata.yaml').read_text() == sample.metadata
-    assert (folder / 'run_0.mcap').read_bytes() == sample.content
-    assert recover_log(folder).closed
