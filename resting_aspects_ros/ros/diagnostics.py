@@ -1,9 +1,8 @@
 """The status of a node, published on /diagnostics every two seconds, and its texts."""
 
-import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
@@ -79,32 +78,24 @@ def publish_diagnostics(
     publisher = advertise(node, DiagnosticArray, DIAGNOSTICS, DEPTH)
 
     def publish() -> None:
-        diagnosis = diagnose()
-        if duplicates is not None:
-            diagnosis = _with_duplicates(diagnosis, duplicates)
+        found = diagnose()
+        if duplicates is not None and (problem := duplicates.check()):
+            if duplicates.harmless_reason:
+                found = replace(found, warnings=[problem, *found.warnings])
+            else:
+                found = replace(found, errors=[problem, *found.errors])
         status = DiagnosticStatus(
-            level=diagnosis.level,
+            level=found.level,
             name=node.get_fully_qualified_name().removeprefix('/'),
-            message=diagnosis.message,
+            message=found.message,
             hardware_id=HARDWARE_ID,
-            values=[
-                KeyValue(key=key, value=str(value)) for key, value in diagnosis.values.items()
-            ],
+            values=[KeyValue(key=key, value=str(value)) for key, value in found.values.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = node.get_clock().now().to_msg()
         publisher.publish(message)
 
     steady_timer(node, PERIOD, guarded(node, 'diagnostics are not published', publish))
-
-
-def _with_duplicates(diagnosis: Diagnosis, duplicates: DuplicateNodeDetector) -> Diagnosis:
-    problem = duplicates.check()
-    if not problem:
-        return diagnosis
-    if duplicates.harmless_reason:
-        return dataclasses.replace(diagnosis, warnings=[problem, *diagnosis.warnings])
-    return dataclasses.replace(diagnosis, errors=[problem, *diagnosis.errors])
 
 
 # -- texts ----------------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """What else is on the network: topics of parts, nodes that are alive, and other clocks."""
 
-import math
 import time
 from collections.abc import Callable, Collection, Iterable
 from functools import partial
@@ -53,13 +52,10 @@ class LivelinessMonitor:
 
     was_seen : bool
         Whether any node of this kind has been alive.
-    replaced_at : float
-        Time at which the most recent node after the first one appeared, on the monotonic clock, s.
     """
 
     def __init__(self, node: Node, kind: str) -> None:
         self.was_seen = False
-        self.replaced_at = -math.inf
         self._matched = self._dead = 0
         node.create_subscription(
             Empty,
@@ -80,9 +76,6 @@ class LivelinessMonitor:
 
     def _on_matched(self, event: QoSSubscriptionMatchedInfo) -> None:
         self._matched = event.current_count
-        # A single event can report the first node and its replacement.
-        if event.total_count_change > (0 if self.was_seen else 1):
-            self.replaced_at = time.monotonic()
         self.was_seen = True
 
     def _on_liveliness(self, event: QoSLivelinessChangedInfo) -> None:
