@@ -44,16 +44,7 @@ class Qos:
     """The quality of service that a publisher offers, with the names that rosbag2 stores.
 
     rclpy uses the same names: `profile.reliability.short_key`. Deadline, lifespan and liveliness
-    have no field, because the suite uses their defaults.
-
-    depth : int
-        Number of messages that are kept for a reader, >= 0; ignored with `keep_all`.
-    reliability : str
-        `reliable` or `best_effort`.
-    durability : str
-        `volatile`, or `transient_local` for a latched topic.
-    history : str
-        `keep_last` or `keep_all`.
+    have no field, because the suite uses their defaults. The depth is ignored with `keep_all`.
     """
 
     depth: int
@@ -134,26 +125,11 @@ def _strongest(name: str, offered: Sequence[Any]) -> str:
 # -- definitions ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Schema:
-    """The definition of a message type.
+def load_schema(type_name: str) -> tuple[str, str]:
+    """Return the definition of a type from the installed packages, and its hash.
 
-    name : str
-        `package/msg/Type`.
-    text : str
-        Text of the .msg file, followed by the texts of all types it depends on (encoding
-        `ros2msg`).
-    type_hash : str
-        `RIHS01_...`, the hash with which ROS 2 distinguishes versions of a type.
-    """
-
-    name: str
-    text: str
-    type_hash: str
-
-
-def load_schema(type_name: str) -> Schema:
-    """Return the definition of a type from the installed packages.
+    The text is that of the .msg file, followed by those of all types that it depends on (encoding
+    `ros2msg`). ROS 2 distinguishes versions of a type by the hash, `RIHS01_...`.
 
     type_name : str
         `package/msg/Type`.
@@ -167,7 +143,7 @@ def load_schema(type_name: str) -> Schema:
         text = _read(_find(name)).removesuffix('\n')
         # Foxglove's parser finds a dependency by its short name only.
         texts.append(f'{"=" * 80}\nMSG: {name.replace("/msg/", "/")}\n{text}')
-    return Schema(type_name, '\n\n'.join(texts) + '\n', hashes[type_name])
+    return '\n\n'.join(texts) + '\n', hashes[type_name]
 
 
 def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:

@@ -7,7 +7,6 @@ attachments. Messages are passed as CDR bytes, so this module does not depend on
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime, timezone
@@ -21,15 +20,11 @@ from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs.bag import BagMetadata, write_metadata
 from resting_aspects_ros.logs.topics import (
-    Schema,
     Topic,
     load_schema,
     qos_profiles,
 )
 from resting_aspects_ros.system import lock_file
-
-# A name that is one folder on every file system, and not hidden.
-_FOLDER_NAME = re.compile(r'\w[\w.-]*', re.ASCII)
 
 # Name of the metadata record in which rosbag2 stores a bag's metadata.yaml.
 ROSBAG2 = 'rosbag2'
@@ -42,7 +37,7 @@ def run_folder_name(part: str, started: datetime, run_id: str) -> str:
         With a time zone; the name has it in UTC, in whole seconds.
     """
     utc = started.astimezone(timezone.utc)
-    return _checked_name(f'{part}_{utc:%Y%m%dT%H%M%SZ}_{run_id}')
+    return f'{part}_{utc:%Y%m%dT%H%M%SZ}_{run_id}'
 
 
 @final
@@ -63,11 +58,11 @@ class RunLog:
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        self._folder = Path(folder) / _checked_name(name)
+        self._folder = Path(folder) / name
         # rosbag2 numbers the files of a bag.
         self.path = self._folder / f'{name}_0.mcap'
         self._channels: dict[str, int] = {}
-        self._schemas: dict[str, tuple[int, Schema]] = {}
+        self._schemas: dict[str, tuple[int, str]] = {}
         self._metadata = BagMetadata(self.path.name)
         self._ended = ''  # why nothing can be written any more
         with self._guard():
@@ -97,13 +92,7 @@ class RunLog:
             self._metadata.count(topic.name, stored)
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
-        """Add a file, such as the part's mesh, as an attachment.
-
-        media_type : str
-            `model/stl`, for instance.
-        log_time : int
-            ns since 1970.
-        """
+        """Add a file, such as the part's mesh, as an attachment; the time is in ns since 1970."""
         with self._guard():
             # 0: the creation time of the attachment is unknown.
             self._writer.add_attachment(0, log_time, name, media_type, data)
@@ -157,19 +146,16 @@ class RunLog:
 
     def _channel(self, topic: Topic) -> int:
         if topic.name not in self._channels:
-            schema_id, schema = self._schema(topic.type)
+            if topic.type not in self._schemas:
+                text, type_hash = load_schema(topic.type)
+                schema_id = self._writer.register_schema(topic.type, 'ros2msg', text.encode())
+                self._schemas[topic.type] = schema_id, type_hash
+            schema_id, type_hash = self._schemas[topic.type]
             metadata = self._metadata.add_topic(
-                topic.name, topic.type, qos_profiles(topic.qos), schema.type_hash
+                topic.name, topic.type, qos_profiles(topic.qos), type_hash
             )
             self._channels[topic.name] = register_channel(self._writer, schema_id, metadata)
         return self._channels[topic.name]
-
-    def _schema(self, type_name: str) -> tuple[int, Schema]:
-        if type_name not in self._schemas:
-            schema = load_schema(type_name)
-            schema_id = self._writer.register_schema(type_name, 'ros2msg', schema.text.encode())
-            self._schemas[type_name] = schema_id, schema
-        return self._schemas[type_name]
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
@@ -193,15 +179,6 @@ def _release(stream: BinaryIO) -> None:
     """Close a file; this tries to write the buffer again, as space may have become free."""
     with suppress(OSError):
         stream.close()
-
-
-def _checked_name(name: str) -> str:
-    if not _FOLDER_NAME.fullmatch(name):
-        raise LogError(
-            f'invalid log name {name!r}: expected letters, digits, "_", "-" and ".", with neither '
-            '"-" nor "." first'
-        )
-    return name
 
 
 # -- MCAP file ------------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """Reading of closed and unclosed logs: by type, and for playback."""
 
-import dataclasses
 import os
 import random
 import struct
@@ -82,12 +81,11 @@ def test_outcome_that_is_not_readable_is_unknown(log):
 
 
 def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
-    installed = writer.load_schema(NUT.type)
-    older = dataclasses.replace(installed, type_hash='RIHS01_older')
-    monkeypatch.setattr(writer, 'load_schema', lambda _: older)
+    text, installed = writer.load_schema(NUT.type)
+    monkeypatch.setattr(writer, 'load_schema', lambda _: (text, 'RIHS01_older'))
     with closing(RunLog(tmp_path, 'run')) as log:
         log.write(NUT, data(1), 1)
-    expected = f"by another version of .* {NUT.type} .* 'RIHS01_older'.*{installed.type_hash}"
+    expected = f"by another version of .* {NUT.type} .* 'RIHS01_older'.*{installed}"
     with pytest.raises(LogError, match=f'{log.path}.*{expected}'):
         list(messages(log.path, NUT.type))
     assert Recording(log.path).topics[NUT.name].type_hash == 'RIHS01_older'
