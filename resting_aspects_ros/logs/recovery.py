@@ -23,7 +23,7 @@ from resting_aspects_ros.logs.bag import (
     log_files,
     write_metadata,
 )
-from resting_aspects_ros.logs.mcap_file import McapFile
+from resting_aspects_ros.logs.reader import McapFile
 from resting_aspects_ros.logs.topics import Qos, qos_profiles
 from resting_aspects_ros.logs.writer import (
     ROSBAG2,

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from wire import bag_messages
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.mcap_file import MAX_RECORD
-from resting_aspects_ros.logs.reader import Recording, messages
+from resting_aspects_ros.logs.reader import MAX_RECORD, Recording, messages
 from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog

@@ -19,8 +19,7 @@ from std_srvs.srv import Trigger
 
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line
 from resting_aspects_ros.logs.bag import EXPECTED
-from resting_aspects_ros.logs.mcap_file import LoggedMessage
-from resting_aspects_ros.logs.reader import RecordedTopic, Recording
+from resting_aspects_ros.logs.reader import LoggedMessage, RecordedTopic, Recording
 from resting_aspects_ros.logs.topics import check_definition
 from resting_aspects_ros.ros.callbacks import advertise, steady_timer
 from resting_aspects_ros.ros.conversions import NANOSECONDS, time_msg
