@@ -27,8 +27,8 @@ from resting_aspects_ros.ros.interface import CELL, LATCHED
 
 PART = 'hex_nut'
 SMALL = {
-    'nodes.drop_recorder.feeder_recorder.MAX_MESSAGES': 12,
-    'nodes.drop_recorder.feeder_recorder.RETRY': 0.2,
+    'nodes.drop_recorder.node.MAX_MESSAGES': 12,
+    'nodes.drop_recorder.node.RETRY': 0.2,
     'ros.diagnostics.PERIOD': 0.1,
 }
 TOPICS = {

@@ -1,25 +1,37 @@
-"""The node that writes a log of every run, of drops or of actions, with its part."""
+"""The node that writes a log of every run, of drops or of actions, and logs of a feeder."""
 
 import sys
 import time
+import uuid
 from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import (
+    DetectionArray,
+    FeederAdvice,
+    ObservedCounts,
     PartDescription,
+    PickResult,
+    Posterior,
     RestingPoses,
     SurroundingsDescription,
     TransitionMatrix,
 )
 
-from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, POSES_TYPE, Topic
-from resting_aspects_ros.nodes.drop_recorder.feeder_recorder import FeederRecorder
+from resting_aspects_ros.errors import InvalidValueError, LogError, RestingAspectsError
+from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Topic
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.callbacks import WorkTimer, guarded_task, subscribe
 from resting_aspects_ros.ros.conversions import (
+    NANOSECONDS,
     check_description,
     check_surroundings,
     nanoseconds,
@@ -36,19 +48,26 @@ from resting_aspects_ros.ros.diagnostics import (
     publish_diagnostics,
     run_values,
 )
-from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
+from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery, type_name
 from resting_aspects_ros.ros.distribution_conversions import check_transitions
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,
+    CELL,
+    COUNTS,
+    DETECTIONS,
     DROP_RECORDER,
     DROP_SIMULATOR,
+    FEEDER_ADVICE,
     FRAME,
     LATCHED,
+    OBSERVED_COUNTS,
     PARTS,
+    PICK_RESULT,
     POSES,
+    POSTERIOR,
     RESTING_POSES,
     SURROUNDINGS,
     SURROUNDINGS_QOS,
@@ -78,6 +97,150 @@ MAX_ENDED = 10_000
 # Maximum number of descriptions of surroundings that are kept, with meshes. Those of a run can
 # arrive before its first poses, and a log can be opened again for drops that were lost.
 MAX_KEPT = 20
+
+
+# Limits of a log of a feeder. Until a file is closed, its index is in memory, about 1 kB for each
+# message.
+MAX_BYTES = 20_000_000
+MAX_MESSAGES = 20_000
+# Time between two checks whether a log of a feeder can be closed, s.
+FEEDER_PERIOD = 10.0
+# Time after an error until recording is tried again, s.
+RETRY = 10.0
+# A subscriber deeper than the publishers loses no message while the node is busy.
+ALL = QoSProfile(depth=1000)
+BY_PART = (
+    (FEEDER_ADVICE, FeederAdvice, ALL_LATCHED),
+    (OBSERVED_COUNTS, ObservedCounts, COUNTS),
+    (POSTERIOR, Posterior, ALL_LATCHED),
+)
+
+
+class FeederRecorder:
+    """Records the topics of a feeder: what was seen, advised, picked and counted.
+
+    Every message is written at once, to logs of their own. A log ends when it has MAX_BYTES or
+    MAX_MESSAGES, or after IDLE seconds without a message; the next message begins another one.
+    Each log begins with the parts and the newest latched messages, so that it is complete in
+    itself.
+
+    Parameters
+    ----------
+    folder : of the logs
+    parts : returns the serialized description of a part by name, or None
+
+    Attributes
+    ----------
+    messages : int
+        Number of messages that were written.
+    error : str
+        Why the last message was not written; empty if it was.
+    """
+
+    def __init__(self, node: Node, folder: Path, parts: Callable[[str], bytes | None]) -> None:
+        self._node = node
+        self._folder = folder
+        self._parts = parts
+        self._log: RunLog | None = None
+        self._bytes = self._count = 0
+        self._last = self._retry = 0.0
+        self._described: set[str] = set()
+        self._newest: dict[str, tuple[Topic, bytes]] = {}  # of the latched topics, by name
+        self.messages = 0
+        self.error = ''
+        self._idle = WorkTimer(node, FEEDER_PERIOD, 'a log is not closed', self._close_idle)
+        qos = offered_qos(CELL)
+        for name, kind in ((DETECTIONS, DetectionArray), (PICK_RESULT, PickResult)):
+            topic = Topic(node.resolve_topic_name(name), type_name(kind), qos)
+            subscribe(node, kind, name, partial(self._record, topic), ALL, raw=True)
+        self._discoveries = [
+            TopicDiscovery(node, name, kind, partial(self._record_of, k), raw=True, qos=each)
+            for k, (name, kind, each) in enumerate(BY_PART)
+        ]
+
+    @property
+    def file(self) -> str:
+        """Path of the log that is being written, or ''."""
+        return '' if self._log is None else str(self._log.path)
+
+    def _close_idle(self) -> bool:
+        """Close the log if no message has arrived for a time; returns whether it is open."""
+        if time.monotonic() - self._last > IDLE:
+            self.close()
+        return self._log is not None
+
+    def close(self) -> None:
+        """Close the log, if there is one."""
+        log, self._log = self._log, None
+        if log is None:
+            return
+        try:
+            log.close()
+        except LogError as error:
+            self._fail(error)
+            return
+        written = count_text(self._count, 'message', 'messages')
+        self._node.get_logger().info(f'{written} of the feeder are in {log.path.parent}')
+
+    def _record_of(self, kind: int, part: str, data: bytes) -> None:
+        topic = self._discoveries[kind].logged(part)
+        self._record(topic, data, part)
+        self._newest[topic.name] = topic, data
+
+    def _record(self, topic: Topic, data: bytes, part: str = '') -> None:
+        """Write a message, and what has to precede it."""
+        self._last = time.monotonic()
+        if self.error and self._last < self._retry:
+            return
+        try:
+            if self._bytes >= MAX_BYTES or self._count >= MAX_MESSAGES:
+                self.close()
+            log = self._log or self._begin()
+            self._write(log, topic, data, part)
+            log.flush()
+        except LogError as error:
+            self._fail(error)
+            return
+        self.messages += 1
+        self.error = ''
+
+    def _begin(self) -> RunLog:
+        """Return a log that begins with the newest latched messages; raises LogError."""
+        # A run folder begins with the name of a part, which has no "-".
+        # The fraction of the second sorts logs by their start.
+        seconds, fraction = divmod(time.time_ns(), NANOSECONDS)
+        started = datetime.fromtimestamp(seconds, timezone.utc)
+        name = f'feeder-{started:%Y%m%dT%H%M%SZ}-{fraction:09d}{uuid.uuid4().hex[:4]}'
+        self._bytes = self._count = 0
+        self._described = set()
+        self._idle.start()
+        self._log = log = RunLog(self._folder, name)  # what fails from here on closes it
+        log.add_metadata('feeder', {'namespace': self._node.get_namespace()})
+        for topic, data in self._newest.values():
+            self._write(log, topic, data, topic.name.rpartition('/')[2])
+        return log
+
+    def _write(self, log: RunLog, topic: Topic, data: bytes, part: str) -> None:
+        """Write a message, after the description of its part if that is not in the log yet."""
+        described = self._parts(part) if part and part not in self._described else None
+        if described is not None:
+            self._described.add(part)
+            name = self._node.resolve_topic_name(f'{PARTS}/{part}')
+            log.write(Topic(name, PART_TYPE, offered_qos(LATCHED)), described, time.time_ns())
+            self._count += 1
+        log.write(topic, data, time.time_ns())  # not ROS time, which can be paused
+        self._count += 1
+        self._bytes += len(data)  # without a large mesh, which would begin a log for every message
+
+    def _fail(self, error: LogError) -> None:
+        if not self.error:
+            self._node.get_logger().error(f'the feeder is not recorded: {error}')
+        self.error = f'the feeder is not recorded: {error}'
+        self._retry = time.monotonic() + RETRY
+        log, self._log = self._log, None
+        if log is not None:
+            with suppress(LogError):  # keeps the content of the file
+                log.close()
 
 
 class DropRecorder(Node):
