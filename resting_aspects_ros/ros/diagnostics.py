@@ -36,19 +36,6 @@ class Diagnosis:
     warnings: Sequence[str] = ()
     errors: Sequence[str] = ()
 
-    @property
-    def level(self) -> bytes:
-        """The level, a constant of DiagnosticStatus."""
-        if self.errors:
-            return bytes(DiagnosticStatus.ERROR)
-        return bytes(DiagnosticStatus.WARN if self.warnings else DiagnosticStatus.OK)
-
-    @property
-    def message(self) -> str:
-        """One line of text: errors, then warnings, then the state."""
-        parts = [*self.errors, *self.warnings, *([self.state] if self.state else [])]
-        return '; '.join(parts) or 'idle'
-
 
 class RateCounter:
     """A counter of events, and of their rate per second."""
@@ -84,10 +71,12 @@ def publish_diagnostics(
                 found = replace(found, warnings=[problem, *found.warnings])
             else:
                 found = replace(found, errors=[problem, *found.errors])
+        level = DiagnosticStatus.WARN if found.warnings else DiagnosticStatus.OK
+        parts = [*found.errors, *found.warnings, *([found.state] if found.state else [])]
         status = DiagnosticStatus(
-            level=found.level,
+            level=DiagnosticStatus.ERROR if found.errors else level,
             name=node.get_fully_qualified_name().removeprefix('/'),
-            message=found.message,
+            message='; '.join(parts) or 'idle',
             hardware_id=HARDWARE_ID,
             values=[KeyValue(key=key, value=str(value)) for key, value in found.values.items()],
         )
