@@ -12,25 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from mcap.records import Attachment, Channel
-from mcap.writer import Writer
 
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.input_files import is_printable, named, parse_yaml
 from resting_aspects_ros.logs.bag import (
     FILE_NAME,
-    BagMetadata,
     is_compressed,
     log_files,
     write_metadata,
 )
 from resting_aspects_ros.logs.reader import McapFile
 from resting_aspects_ros.logs.topics import Qos, qos_profiles
-from resting_aspects_ros.logs.writer import (
-    ROSBAG2,
-    finish_file,
-    register_channel,
-    start_file,
-)
+from resting_aspects_ros.logs.writer import ROSBAG2, BagWriter
 from resting_aspects_ros.system import lock_file
 
 # QoS of a channel that does not record one, as rosbag2 assumes it.
@@ -86,9 +79,9 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
         if file.closed and (folder is None or (folder / FILE_NAME).is_file()):
             return RecoveryResult(sum(1 for _ in file.messages()), closed=True)
         try:
-            metadata = _replace_by_copy(file, records or {})
+            information = _replace_by_copy(file, records or {})
             if folder is not None:
-                write_metadata(folder, metadata)
+                write_metadata(folder, information)
         except OSError as error:
             raise LogError(
                 f'{named("log", path)} cannot be written: {error.strerror or error}'
@@ -96,52 +89,59 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
         return RecoveryResult(file.message_count)
 
 
-def _replace_by_copy(file: McapFile, records: _Records) -> BagMetadata:
-    """Replace the file by a complete copy; raises OSError if this fails."""
-    path, metadata = file.path, BagMetadata(file.path.name)
+def _replace_by_copy(file: McapFile, records: _Records) -> dict[str, Any]:
+    """Replace the file by a complete copy; returns the content of metadata.yaml.
+
+    Raises OSError if this fails.
+    """
+    path = file.path
     for abandoned in path.parent.glob(f'{glob.escape(path.name)}.*.recovering'):
         abandoned.unlink()  # left by a recovery that was killed
     new = path.with_name(f'{path.name}.{uuid.uuid4().hex}.recovering')
     try:
         with new.open('xb') as stream:
-            writer = start_file(stream)
-            _copy(file, metadata, writer)
+            writer = BagWriter(stream, path.name)
+            _copy(file, writer)
             for name, values in {**file.metadata, **records}.items():
                 if name != ROSBAG2:
                     writer.add_metadata(name, values)
-                    metadata.add_record(name, values)
-            finish_file(writer, stream, metadata)
+            information = writer.finish()
         new.replace(path)
     finally:
         with suppress(OSError):
             new.unlink()
-    return metadata
+    return information
 
 
-def _copy(file: McapFile, metadata: BagMetadata, writer: Writer) -> None:
+def _copy(file: McapFile, writer: BagWriter) -> None:
     channels: dict[int, int] = {}
     schemas: dict[int, int] = {0: 0}  # 0: a channel without a schema
     for each in file.records():
         if isinstance(each, Attachment):
-            writer.add_attachment(
+            writer.mcap.add_attachment(
                 each.create_time, each.log_time, each.name, each.media_type, each.data
             )
             continue
         schema, channel, message = each
-        topic = channel.topic
-        if topic not in metadata.topics:
-            metadata.add_topic(topic, each.type, _offered(channel), each.type_hash or '')
         if channel.id not in channels:
             if schema is not None and schema.id not in schemas:
-                schemas[schema.id] = writer.register_schema(
+                schemas[schema.id] = writer.mcap.register_schema(
                     schema.name, schema.encoding, schema.data
                 )
-            described = metadata.topics[topic]['topic_metadata']
-            channels[channel.id] = register_channel(writer, schemas[channel.schema_id], described)
-        time = max(message.log_time, metadata.end or 0)
-        metadata.count(topic, time)
+            channels[channel.id] = writer.add_channel(
+                channel.topic,
+                each.type,
+                schemas[channel.schema_id],
+                _offered(channel),
+                each.type_hash or '',
+            )
         writer.add_message(
-            channels[channel.id], time, message.data, message.publish_time, message.sequence
+            channel.topic,
+            channels[channel.id],
+            message.data,
+            message.log_time,
+            message.publish_time,
+            message.sequence,
         )
 
 
