@@ -77,7 +77,7 @@ FRAME_ID = Parameter(
 
 
 def check_frame(name: str) -> str:
-    """Return the name; raises InvalidValueError if it is not a valid frame name."""
+    """Return the name of a frame; raises InvalidValueError if it is not valid."""
     if not name or name.startswith('/') or not name.isprintable():
         raise InvalidValueError(f'invalid {FRAME_ID.name} {name!r}: expected {FRAME_ID.allowed}')
     return name

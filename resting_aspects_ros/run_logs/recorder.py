@@ -230,19 +230,8 @@ def _as_text(run: RunDescription) -> dict[str, str]:
 class LocalRunLog:
     """The log of a run that is simulated in this process, with the messages of nodes.
 
-    Topics are those of nodes in the root namespace.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of logs, made if necessary. The log is a folder in it.
-    part : Part
-    run : RunDescription
-
-    Raises
-    ------
-    LogError
-        The log cannot be written.
+    The log is a folder in the given one, which is made if necessary. Topics are those of nodes in
+    the root namespace. Raises LogError if the log cannot be written.
     """
 
     def __init__(self, folder: Path, part: Part, run: RunDescription) -> None:

@@ -253,10 +253,6 @@ class CameraSimulator(Node):
 
     Shows virtual parts on a tray and obeys the advice on feeder_advice/<part>. Simulated time
     stands still while vision system and controller work: run them with use_sim_time.
-
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
     """
 
     def __init__(self, **options: Any) -> None:

@@ -249,10 +249,6 @@ class DropRecorder(Node):
     Each run of drop_part and of reorient_part has an MCAP log of its own. That of drops ends with
     their distribution, on aspect_distributions/<part>. The topics of a feeder, detections,
     pick_result, feeder_advice/*, observed_counts/* and posterior/*, have others.
-
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
     """
 
     def __init__(self, **options: Any) -> None:
