@@ -48,8 +48,8 @@ from resting_aspects_ros.ros.conversions import (
     part_from,
     polygon_msgs,
 )
-from resting_aspects_ros.ros.discovery import published_parts
 from resting_aspects_ros.ros.distribution_conversions import action_msg
+from resting_aspects_ros.ros.health import published_parts
 from resting_aspects_ros.ros.interface import (
     CLASSIFY_POSE,
     DEFAULT_CONDITIONS,

@@ -22,7 +22,7 @@ from unique_identifier_msgs.msg import UUID
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.ros.callbacks import sleep_for, wait_for
 from resting_aspects_ros.ros.conversions import conditions_msg
-from resting_aspects_ros.ros.discovery import LivelinessMonitor
+from resting_aspects_ros.ros.health import LivelinessMonitor
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DROP_PART,

@@ -28,7 +28,7 @@ MARKERS = 'markers'
 SURROUNDINGS_MARKERS = 'surroundings_markers'
 # Absolute: ROS tools expect this name.
 DIAGNOSTICS = '/diagnostics'
-# Hidden topic, + /<kind of node>; see discovery.py.
+# Hidden topic, + /<kind of node>; see health.py.
 PRESENCE = '_present'
 # Services of log_replayer, below its name.
 PAUSE = '~/pause'

@@ -91,7 +91,7 @@ def test_duplicate_nodes_report_each_other(
         given = {'parts_folder': few_parts('tetrahedron')}
         if node == 'drop_recorder':
             given = {'log_folder': tmp_path_factory.mktemp('logs')}
-        return start(node, namespace, given, {'ros.discovery.DUPLICATE_DELAY': 0.5})
+        return start(node, namespace, given, {'ros.health.DUPLICATE_DELAY': 0.5})
 
     def reported(message):
         return diagnostics.wait(node, lambda _, m, __: m == message, message)[0]

@@ -29,7 +29,7 @@ PART = 'hex_nut'
 SMALL = {
     'nodes.drop_recorder.node.MAX_MESSAGES': 12,
     'nodes.drop_recorder.node.RETRY': 0.2,
-    'ros.diagnostics.PERIOD': 0.1,
+    'ros.health.DIAGNOSTICS_PERIOD': 0.1,
 }
 TOPICS = {
     'detections': (DetectionArray, CELL),

@@ -17,7 +17,7 @@ from resting_aspects_ros.api.identify import identify_part, known_part
 from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.nodes.aspect_classifier.outlines import MAX_POINTS
 from resting_aspects_ros.ros.conversions import outlines_msg, part_msg, polygon_msgs
-from resting_aspects_ros.ros.discovery import announce
+from resting_aspects_ros.ros.health import announce
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, IDENTIFY_PART, LATCHED, OUTLINES
 
 PART = 'l_bracket'

@@ -33,8 +33,6 @@ from resting_aspects_ros.ros.conversions import (
     serialized_part,
     serialized_poses,
 )
-from resting_aspects_ros.ros.diagnostics import count_text
-from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import (
     check_numbering,
     check_transitions,
@@ -42,6 +40,7 @@ from resting_aspects_ros.ros.distribution_conversions import (
     serialized_transitions,
 )
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.health import TopicDiscovery, count_text
 from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
 from resting_aspects_ros.ros.requests import NotAvailableError, unknown_part
 from resting_aspects_ros.simulation.job import RunDescription

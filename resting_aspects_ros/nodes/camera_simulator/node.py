@@ -34,8 +34,13 @@ from resting_aspects_ros.ros.callbacks import (
     wait_for,
 )
 from resting_aspects_ros.ros.conversions import time_msg
-from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.discovery import CLOCK, DuplicateNodeDetector, clock_conflicts
+from resting_aspects_ros.ros.health import (
+    CLOCK,
+    Diagnosis,
+    DuplicateNodeDetector,
+    clock_conflicts,
+    publish_diagnostics,
+)
 from resting_aspects_ros.ros.interface import (
     CELL,
     CHOICES,

@@ -39,19 +39,21 @@ from resting_aspects_ros.ros.conversions import (
     run_from,
     surroundings_of,
 )
-from resting_aspects_ros.ros.diagnostics import (
+from resting_aspects_ros.ros.distribution_conversions import check_transitions
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
+from resting_aspects_ros.ros.health import (
     Diagnosis,
+    DuplicateNodeDetector,
     RateCounter,
+    TopicDiscovery,
     active_runs_text,
     count_text,
     progress_text,
     publish_diagnostics,
     run_values,
+    type_name,
 )
-from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery, type_name
-from resting_aspects_ros.ros.distribution_conversions import check_transitions
-from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     ASPECT_DISTRIBUTIONS,

@@ -29,19 +29,19 @@ from resting_aspects_ros.nodes.drop_simulator.goals import GoalServer
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import PartTopics, advertise
 from resting_aspects_ros.ros.conversions import MAX_POSES, poses_msgs
-from resting_aspects_ros.ros.diagnostics import (
-    RateCounter,
-    active_runs_text,
-    progress_text,
-    run_values,
-    truncated,
-)
 from resting_aspects_ros.ros.distribution_conversions import (
     BoundedLongRun,
     action_from,
     transitions_msg,
 )
 from resting_aspects_ros.ros.file_worker import FileLimitError
+from resting_aspects_ros.ros.health import (
+    RateCounter,
+    active_runs_text,
+    progress_text,
+    run_values,
+    truncated,
+)
 from resting_aspects_ros.ros.interface import (
     DROP_PART,
     LATCHED,

@@ -14,14 +14,14 @@ from resting_aspects_ros.input_files import is_folder
 from resting_aspects_ros.nodes.drop_simulator.actions import DropServer, ReorientServer
 from resting_aspects_ros.nodes.drop_simulator.goals import PartPublisher
 from resting_aspects_ros.ros.callbacks import PartTopics
-from resting_aspects_ros.ros.diagnostics import (
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.health import (
     Diagnosis,
+    DuplicateNodeDetector,
     count_text,
     publish_diagnostics,
     truncated,
 )
-from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
-from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.interface import (
     DROP_SIMULATOR,
     SURROUNDINGS,

@@ -23,8 +23,15 @@ from resting_aspects_ros.logs.reader import LoggedMessage, RecordedTopic, Record
 from resting_aspects_ros.logs.topics import check_definition
 from resting_aspects_ros.ros.callbacks import advertise, steady_timer
 from resting_aspects_ros.ros.conversions import NANOSECONDS, time_msg
-from resting_aspects_ros.ros.diagnostics import Diagnosis, count_text, publish_diagnostics
-from resting_aspects_ros.ros.discovery import CLOCK, LivelinessMonitor, announce, clock_conflicts
+from resting_aspects_ros.ros.health import (
+    CLOCK,
+    Diagnosis,
+    LivelinessMonitor,
+    announce,
+    clock_conflicts,
+    count_text,
+    publish_diagnostics,
+)
 from resting_aspects_ros.ros.interface import (
     CELL,
     DROP_SIMULATOR,
