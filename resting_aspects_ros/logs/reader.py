@@ -17,7 +17,6 @@ import os
 import zlib
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -93,6 +92,11 @@ class LoggedMessage(NamedTuple):
     def type_hash(self) -> str | None:
         """Hash of the definition with which the message was written; None if unknown."""
         return self.channel.metadata.get('topic_type_hash') or None
+
+    @property
+    def qos(self) -> Qos | None:
+        """QoS of the topic, None if it is not recorded; LogError if it is not valid."""
+        return recorded_qos(self.channel.metadata.get('offered_qos_profiles', ''))
 
 
 class _DamageError(Exception):
@@ -373,29 +377,6 @@ def messages(path: Path, type_name: str) -> Iterator[bytes]:
 # -- playback -------------------------------------------------------------------------------------
 
 
-@dataclass
-class RecordedTopic:
-    """A topic as described by a log of any writer.
-
-    encoding : str
-        Encoding of the messages: `cdr` in a log of ROS 2.
-    qos : Qos
-        None if it is not recorded.
-    type_hash : str
-        None if it is not recorded.
-    start, end : int
-        Log times of the first and the last message, ns since 1970.
-    """
-
-    name: str
-    type: str
-    encoding: str
-    qos: Qos | None
-    type_hash: str | None
-    start: int
-    end: int
-
-
 class Recording:
     """The messages of a log, which is read once for its topics and again for each playback.
 
@@ -405,22 +386,36 @@ class Recording:
     path : Path
         A folder, its metadata.yaml, or an MCAP file.
 
-    Raises LogError if it is not a log, cannot be read, is damaged before its end, or has no
-    message.
+    Raises LogError if it is not a log, cannot be read, is damaged before its end, has no message,
+    or two types for a topic.
 
     topics : dict
-        The topics that have messages, by name.
+        The first message of each topic, by name.
+    start, end : int
+        Log times of the first and the last message, ns since 1970.
     warning : str
         See `Log.warning`.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.topics: dict[str, RecordedTopic] = {}
+        self.topics: dict[str, LoggedMessage] = {}
+        self.start = self.end = 0
         with open_log(path) as log:
             self.warning = log.warning
             for message in _in_time(log):
-                self._add(message)
+                self.start = self.start if self.topics else message.time
+                self.end = message.time
+                first = self.topics.setdefault(message.topic, message)
+                if (message.type, message.type_hash) != (first.type, first.type_hash):
+                    raise LogError(
+                        one_line(
+                            f'invalid log {str(path)!r}: expected one type for topic '
+                            f'{message.topic}, found {message.type} ({message.type_hash}) and '
+                            f'{first.type} ({first.type_hash})',
+                            600,
+                        )
+                    )
         if not self.topics:
             raise LogError(f'invalid log {str(path)!r}: expected at least one message, found none')
 
@@ -430,34 +425,6 @@ class Recording:
             for message in _in_time(log):
                 if message.topic in topics:
                     yield message
-
-    def _add(self, message: LoggedMessage) -> None:
-        name = message.topic
-        if name not in self.topics:
-            self.topics[name] = self._topic(message)
-        known = self.topics[name]
-        if (message.type, message.type_hash) != (known.type, known.type_hash):
-            raise LogError(
-                one_line(
-                    f'invalid log {str(self.path)!r}: expected one type for topic {name}, '
-                    f'found {message.type} ({message.type_hash}) and {known.type} '
-                    f'({known.type_hash})',
-                    600,
-                )
-            )
-        known.end = message.time
-
-    def _topic(self, message: LoggedMessage) -> RecordedTopic:
-        channel, time = message.channel, message.time
-        try:
-            qos = recorded_qos(channel.metadata.get('offered_qos_profiles', ''))
-        except LogError as error:
-            topic = one_line(channel.topic)
-            raise LogError(f'{named("log", self.path)}, topic {topic}: {error}') from None
-        encoding = channel.message_encoding
-        return RecordedTopic(
-            channel.topic, message.type, encoding, qos, message.type_hash, time, time
-        )
 
 
 def _in_time(log: Log) -> Iterator[LoggedMessage]:

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line
 from resting_aspects_ros.logs.bag import EXPECTED
-from resting_aspects_ros.logs.reader import LoggedMessage, RecordedTopic, Recording
+from resting_aspects_ros.logs.reader import LoggedMessage, Recording
 from resting_aspects_ros.logs.topics import check_definition
 from resting_aspects_ros.ros.callbacks import advertise, steady_timer
 from resting_aspects_ros.ros.conversions import NANOSECONDS, time_msg
@@ -91,12 +91,14 @@ def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str
     for topic in recording.topics.values():
         reason = _skip_reason(topic, namespace)
         if reason:
-            skipped.append(one_line(f'{topic.name}: {reason}'))
+            skipped.append(one_line(f'{topic.topic}: {reason}'))
             continue
         check_definition(recording.path, topic.type, topic.type_hash)
-        name = topic.name.removeprefix(namespace).removeprefix('/')
+        name = topic.topic.removeprefix(namespace).removeprefix('/')
         replayed.append(
-            ReplayedTopic(topic.name, name, _message_class(recording, topic), _qos(topic))
+            ReplayedTopic(
+                topic.topic, name, _message_class(recording, topic), _qos(recording, topic)
+            )
         )
     if not replayed:
         raise LogError(
@@ -105,46 +107,50 @@ def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str
     return replayed, skipped
 
 
-def _namespace(topics: Iterable[RecordedTopic]) -> str:
+def _namespace(topics: Iterable[LoggedMessage]) -> str:
     """Return the namespace of the recorded suite, such as '/cell_1' or '/'."""
     namespaces = set()
     for topic in topics:
         kind = topic.type.removeprefix(_PACKAGE)
         if kind in _FOR_ALL:
-            namespaces.add(posixpath.dirname(topic.name))
+            namespaces.add(posixpath.dirname(topic.topic))
         elif kind in _BY_PART:
-            namespaces.add(posixpath.dirname(posixpath.dirname(topic.name)))
+            namespaces.add(posixpath.dirname(posixpath.dirname(topic.topic)))
     return posixpath.commonpath(namespaces) if namespaces else '/'
 
 
-def _skip_reason(topic: RecordedTopic, namespace: str) -> str:
-    if not topic.name.startswith(f'{namespace.rstrip("/")}/'):
+def _skip_reason(topic: LoggedMessage, namespace: str) -> str:
+    if not topic.topic.startswith(f'{namespace.rstrip("/")}/'):
         return f'not in {namespace}, the namespace of the suite in the log'
     try:
-        validate_full_topic_name(topic.name)  # DDS ends a program that uses a longer name
+        validate_full_topic_name(topic.topic)  # DDS ends a program that uses a longer name
     except InvalidTopicNameException:
         return 'not a valid ROS topic name'
-    if '/_' in topic.name:
+    if '/_' in topic.topic:
         return 'hidden, as the topics of an action are'
-    if topic.encoding != 'cdr' or '/msg/' not in topic.type:
-        return f'not ROS 2 messages (type {topic.type or "missing"}, encoding {topic.encoding})'
+    encoding = topic.channel.message_encoding
+    if encoding != 'cdr' or '/msg/' not in topic.type:
+        return f'not ROS 2 messages (type {topic.type or "missing"}, encoding {encoding})'
     return ''
 
 
-def _message_class(recording: Recording, topic: RecordedTopic) -> Any:
+def _message_class(recording: Recording, topic: LoggedMessage) -> Any:
     package, _, short = topic.type.partition('/msg/')
     try:
         return getattr(importlib.import_module(f'{package}.msg'), short)
     except (ImportError, AttributeError) as error:
         raise LogError(
-            f'log {str(recording.path)!r} has topic {topic.name} of type {topic.type}, but the '
+            f'log {str(recording.path)!r} has topic {topic.topic} of type {topic.type}, but the '
             f'Python class of this type is not installed: {error}'
         ) from None
 
 
-def _qos(topic: RecordedTopic) -> QoSProfile:
+def _qos(recording: Recording, topic: LoggedMessage) -> QoSProfile:
     default = {**_FOR_ALL, **_BY_PART}.get(topic.type.removeprefix(_PACKAGE), _OTHERS)
-    recorded = topic.qos
+    try:
+        recorded = topic.qos
+    except LogError as error:
+        raise LogError(f'log {str(recording.path)!r}, topic {topic.topic}: {error}') from None
     if recorded is None:
         return default
     return QoSProfile(
@@ -188,9 +194,7 @@ class LogPlayer:
     ) -> None:
         self._recording = recording
         self._topics = {topic.recorded for topic in topics}
-        replayed = [recording.topics[name] for name in self._topics]
-        self._start = min(topic.start for topic in replayed)
-        self._length = max(topic.end for topic in replayed) - self._start
+        self._start, self._length = recording.start, recording.end - recording.start
         self._publish = publish
         self._rate = rate
         self._loop = loop
