@@ -309,6 +309,7 @@ class DropRecorder(Node):
         self._drops.add(
             log.write_poses(self._poses, data, self._now(), stamp, poses.first_drop, poses.end)
         )
+        self.get_logger().debug(f'{log.drops} drops are in {log.folder}')
         if message.last:
             self._ends(log, message.header.frame_id)
 
