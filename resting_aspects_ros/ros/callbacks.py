@@ -137,12 +137,13 @@ def guarded(node: Node, failure: str, callback: Callable[..., object]) -> Callab
     failure : str
         Beginning of the log line: the consequence of an exception.
     """
+    logger = _logger(node, failure)  # a reference to the node would keep it alive
 
     def guarded_callback(*arguments: Any) -> None:
         try:
             callback(*arguments)
         except Exception as error:  # noqa: BLE001 - the edge: nothing that comes in ends the node
-            _report(node, failure, error)
+            _report(logger, failure, error)
 
     return guarded_callback
 
@@ -151,12 +152,13 @@ def guarded_task(
     node: Node, failure: str, function: Callable[..., Awaitable[None]]
 ) -> Callable[..., Awaitable[None]]:
     """Return a guarded coroutine function, which the executor runs as a task; see ``guarded``."""
+    logger = _logger(node, failure)
 
     async def task(*arguments: Any) -> None:
         try:
             await function(*arguments)
         except Exception as error:  # noqa: BLE001 - the edge: an exception of a task ends the node
-            _report(node, failure, error)
+            _report(logger, failure, error)
 
     return task
 
@@ -216,10 +218,13 @@ def _qos_override_errors(node: Node, topic: str) -> Iterator[None]:
         ) from None
 
 
-def _report(node: Node, failure: str, error: Exception) -> None:
-    """Log an error with a beginning, at most one within LOG_PERIOD."""
+def _logger(node: Node, failure: str) -> RcutilsLogger:
     loggers = _LOGGERS.setdefault(node, {})
-    logger = loggers.setdefault(failure, get_logger(node.get_logger().name))
+    return loggers.setdefault(failure, get_logger(node.get_logger().name))
+
+
+def _report(logger: RcutilsLogger, failure: str, error: Exception) -> None:
+    """Log an error with a beginning, at most one within LOG_PERIOD."""
     known = isinstance(error, RestingAspectsError)
     text = str(error) if known else f'unexpected error {error!r}'
     logger.error(f'{failure}: {text}', throttle_duration_sec=LOG_PERIOD)
