@@ -190,10 +190,10 @@ def read_transitions(path: Path) -> list[tuple[int, int, int]]:
 def _last_of_log(path: Path) -> CountedDrops:
     """Read the last distribution in a log."""
     # This import takes a second, and other files do not need it.
-    from resting_aspects_ros.run_logs.contents import read_logged_run
+    from resting_aspects_ros.run_logs.contents import LoggedRun
 
     try:
-        logged = read_logged_run(path)
+        logged = LoggedRun(path)
         counted = logged.last_distribution
     except LogError as error:
         raise InvalidValueError(str(error)) from None

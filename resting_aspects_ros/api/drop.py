@@ -424,14 +424,14 @@ def repeat_log(
 def logged_drops(log: str | Path) -> LoggedDrops:
     """Return the drops that can be repeated of a log; raises InvalidValueError. Imports ROS."""
     # This imports ROS, which is not needed without a log.
-    from resting_aspects_ros.run_logs.contents import read_logged_run
+    from resting_aspects_ros.run_logs.contents import LoggedRun
 
     try:
-        logged = read_logged_run(Path(log))
+        logged = LoggedRun(Path(log))
     except LogError as error:
         raise InvalidValueError(str(error)) from None
-    part, (first, end) = logged.part, logged.extent
-    if logged.run is None or first == end:
+    part, drops = logged.part, logged.seen.ranges
+    if logged.run is None or not drops:
         raise InvalidValueError(f'invalid log {str(log)!r}: expected a log with drops')
     if part is None or part.part_sha256 != logged.run.part_sha256:
         raise InvalidValueError(
@@ -439,7 +439,7 @@ def logged_drops(log: str | Path) -> LoggedDrops:
         )
     logged.warn_if_unfinished()
     assert logged.known_run is not None
-    return LoggedDrops(part, logged.known_run, first, end)
+    return LoggedDrops(part, logged.known_run, drops[0][0], logged.seen.end)
 
 
 def _warn_of_another_engine(before: RunDescription, now: RunDescription) -> None:
@@ -572,4 +572,4 @@ def read_log(log: str | Path) -> DropResult:
     """
     from resting_aspects_ros.run_logs.contents import logged_result
 
-    return logged_result(Path(log), keep_poses=True)
+    return logged_result(Path(log))

@@ -28,10 +28,14 @@ from resting_aspects_ros.client.connection import (
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part, is_valid_name
 from resting_aspects_ros.ros import interface
-from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg, part_from
-from resting_aspects_ros.ros.discovery import published_parts
+from resting_aspects_ros.ros.conversions import (
+    conditions_from,
+    conditions_msg,
+    part_from,
+    polygon_msgs,
+)
 from resting_aspects_ros.ros.distribution_conversions import action_msg
-from resting_aspects_ros.ros.outline_conversions import polygon_msgs
+from resting_aspects_ros.ros.health import published_parts
 from resting_aspects_ros.ros.requests import NotAvailableError, status_error, unknown_part
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS, DEFAULT_SEED, DropConditions

@@ -26,7 +26,7 @@ from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, FRAME
 from resting_aspects_ros.vision.tray_image import TrayCamera
 
 PART = 'l_bracket'
-QUICK = {'ros.diagnostics.PERIOD': 0.1, 'ros.callbacks.LOG_PERIOD': 0.0}
+QUICK = {'ros.health.DIAGNOSTICS_PERIOD': 0.1, 'ros.callbacks.LOG_PERIOD': 0.0}
 SECOND = 10**9
 
 

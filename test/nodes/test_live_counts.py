@@ -35,7 +35,7 @@ TRAY = [0.06, 0.06]  # a small tray is quickly forecast
 QUICK = {
     'nodes.aspect_classifier.live.PERIOD': 0.05,
     'nodes.aspect_classifier.known.QUIET_PERIOD': 0.5,
-    'ros.diagnostics.PERIOD': 0.1,
+    'ros.health.DIAGNOSTICS_PERIOD': 0.1,
 }
 
 

@@ -27,9 +27,9 @@ from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution
 
 DESCRIPTION = """Show the part, the conditions, the seed, the versions, the number of poses
-and the distribution in a log, or the action of a log of reorient_part. For the
-log of a feeder, show what was seen, advised, picked and counted. The log may
-be unfinished."""
+and the distribution in a log, or the action of a log of reorient_part. For any
+other log, such as that of a feeder, show the number of messages of each topic.
+The log may be unfinished."""
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
   resting_aspects info out/logs/feeder-20250131T120000Z-2718281824f1c
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read a log and show its contents. Raises LogError."""
-    found = contents.read_logged_run(arguments.log)
+    found = contents.LoggedRun(arguments.log)
     described, action = found.run, None
     if described is None and (matrix := found.transitions) is not None:
         described, action = run_from(matrix.run), action_from(matrix.action)
@@ -92,7 +92,7 @@ def _counted(found: contents.LoggedRun) -> tuple[Distribution, bool] | None:
     run, part = found.run, found.part
     if run is None or part is None or part.part_sha256 != run.part_sha256:
         return None
-    result = contents.logged_result(found.log)
+    result = found.result()
     return dataclasses.replace(result.distribution, contacts=result.contacts), result.complete
 
 
@@ -104,8 +104,9 @@ def _lines(
     yield 'log', f'{found.path}, {size / 1e6:.3g} MB'
     yield '', f'{_state(found)}, {found.messages} messages'
     if run is None:
-        feeder = contents.read_feeder_log(found.log)
-        yield from feeder.lines() if feeder else [('drops', 'none')]
+        yield 'drops', 'none'
+        for topic, number in contents.messages_by_topic(found.log).items():
+            yield '', f'{topic}: {number} messages'
         return
     part = found.part
     yield 'part', f'{run.part}, sha256 {run.part_sha256}'
@@ -156,9 +157,11 @@ def _fields(
         'whole': found.outcome.whole,
         'poses': drops if action is None else 0,
     }
-    fields: dict[str, object] = {} if run is None else run.document()
-    if run is None and (feeder := contents.read_feeder_log(found.log)) is not None:
-        fields['feeder'] = feeder.document()
+    fields: dict[str, object] = {}
+    if run is None:
+        fields['topics'] = contents.messages_by_topic(found.log)
+    else:
+        fields = run.document()
     if found.part is not None:
         fields['mesh_sha256'] = found.part.mesh_sha256
     if action is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from resting_aspects_ros.errors import LogError, NoLogError, RestingAspectsError
 from resting_aspects_ros.logs.bag import OUTCOME
 from resting_aspects_ros.logs.recovery import recover_log
-from resting_aspects_ros.run_logs.contents import read_logged_run, rest_of_run
+from resting_aspects_ros.run_logs.contents import LoggedRun, rest_of_run
 
 DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
 Every complete message in the file is kept, and a classifier that starts later
@@ -48,7 +48,7 @@ def _recover(log: Path) -> str:
     """Recover a log; returns a description of its contents."""
     records: dict[str, dict[str, str]] = {}
     try:
-        logged = read_logged_run(log)
+        logged = LoggedRun(log)
         if logged.being_written:
             return 'is being written, not changed'
         run, outcome = logged.run, logged.outcome

@@ -17,14 +17,14 @@ from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import start_task, subscribe
 from resting_aspects_ros.ros.conversions import poses_from, run_from
-from resting_aspects_ros.ros.diagnostics import (
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
+from resting_aspects_ros.ros.health import (
     Diagnosis,
     RateCounter,
     active_runs_text,
     count_text,
 )
-from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.goal_client import DropClient, goal_of_run
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, POSES, RESTING_POSES
 from resting_aspects_ros.simulation.conditions import MAX_DROPS, DropConditions, Surfaces
 from resting_aspects_ros.simulation.job import RunDescription

@@ -33,8 +33,6 @@ from resting_aspects_ros.ros.conversions import (
     serialized_part,
     serialized_poses,
 )
-from resting_aspects_ros.ros.diagnostics import count_text
-from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import (
     check_numbering,
     check_transitions,
@@ -42,6 +40,7 @@ from resting_aspects_ros.ros.distribution_conversions import (
     serialized_transitions,
 )
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.health import TopicDiscovery, count_text
 from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
 from resting_aspects_ros.ros.requests import NotAvailableError, unknown_part
 from resting_aspects_ros.simulation.job import RunDescription
@@ -319,15 +318,12 @@ def load_log(log: Path) -> LoggedRun | TransitionMatrix | None:
             return None
         if not file.closed:
             raise LogError('it is not closed: repair it with "resting_aspects recover"')
-        if not file.has_index:
-            return _count_first_drops(log)
-        outcome = file.outcome
-        last = file.last(DISTRIBUTION_TYPE)
-        matrix = None if last is not None else file.last(TRANSITIONS_TYPE)
-    if matrix is not None:
-        return serialized_transitions(matrix)
-    if outcome is not None and outcome.whole and last is not None:
-        message = deserialize_message(last, AspectDistribution)
+        results = file.of_types([DISTRIBUTION_TYPE, TRANSITIONS_TYPE])
+        last = {each.type: each.data for each in results}
+    if DISTRIBUTION_TYPE not in last and TRANSITIONS_TYPE in last:
+        return serialized_transitions(last[TRANSITIONS_TYPE])
+    if file.outcome is not None and file.outcome.whole and DISTRIBUTION_TYPE in last:
+        message = deserialize_message(last[DISTRIBUTION_TYPE], AspectDistribution)
         if message.complete and message.aspect_numbering == ASPECT_NUMBERING:
             return run_from(message.run), distribution_from(message)
     return _count_first_drops(log)

@@ -26,9 +26,9 @@ from resting_aspects_ros.ros.count_conversions import (
     time_label,
     totals_from,
 )
-from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import transition_matrix_from
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.health import TopicDiscovery
 from resting_aspects_ros.ros.interface import COUNTS, LATCHED, OBSERVED_COUNTS, POSTERIOR
 from resting_aspects_ros.ros.program import Parameter
 from resting_aspects_ros.simulation.job import RunDescription

@@ -35,10 +35,14 @@ from resting_aspects_ros.nodes.aspect_classifier.services import (
 )
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import start_task, steady_timer
-from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient
+from resting_aspects_ros.ros.health import (
+    Diagnosis,
+    DuplicateNodeDetector,
+    TopicDiscovery,
+    publish_diagnostics,
+)
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,

@@ -20,13 +20,13 @@ from resting_aspects_ros.errors import InvalidValueError, PartError, RestingAspe
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import PartTopics, await_future, guarded_task, start_task
-from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, OUTLINES
-from resting_aspects_ros.ros.outline_conversions import (
+from resting_aspects_ros.ros.conversions import (
     candidate_msg,
     outlines_msg,
     polygon_from,
 )
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, OUTLINES
 from resting_aspects_ros.ros.requests import NotAvailableError, serve
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.vision.camera import Pinhole, surface_pinhole

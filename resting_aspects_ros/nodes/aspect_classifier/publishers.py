@@ -32,9 +32,9 @@ from resting_aspects_ros.ros.conversions import (
     pose_msg,
     xyz,
 )
-from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.health import TopicDiscovery
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
     CURRENT_POSES,

@@ -31,13 +31,13 @@ from resting_aspects_ros.errors import EngineError, InvalidValueError, RestingAs
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import PartTopics, advertise, ros_future, wait_for
 from resting_aspects_ros.ros.conversions import MAX_POSES, description_msg, poses_msgs
-from resting_aspects_ros.ros.diagnostics import RateCounter, progress_text
 from resting_aspects_ros.ros.distribution_conversions import (
     BoundedLongRun,
     action_from,
     transitions_msg,
 )
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
+from resting_aspects_ros.ros.health import RateCounter, progress_text
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DROP_PART,
@@ -174,8 +174,7 @@ class GoalServer:
 
         Ends early if the goal is canceled, also while a chunk is simulated.
         """
-        warn = self._node.get_logger().warning
-        with closing(drop_chunks(job, requested, self._resources.workers, warn)) as steps:
+        with closing(drop_chunks(job, requested, self._resources.workers)) as steps:
             for step in steps:
                 if not isinstance(step, PoolFuture):
                     yield step

@@ -16,14 +16,14 @@ from resting_aspects_ros.part.library import PartLibrary, Stamp
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import PartTopics, start_task, steady_timer
 from resting_aspects_ros.ros.conversions import part_msg
-from resting_aspects_ros.ros.diagnostics import (
+from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
+from resting_aspects_ros.ros.health import (
     Diagnosis,
+    DuplicateNodeDetector,
     count_text,
     publish_diagnostics,
     truncated,
 )
-from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
-from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.ros.interface import (
     DROP_SIMULATOR,
     LATCHED,

@@ -37,8 +37,7 @@ from resting_aspects_ros.ros.conversions import (
     nanoseconds,
     pose_msg,
 )
-from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
+from resting_aspects_ros.ros.health import Diagnosis, DuplicateNodeDetector, publish_diagnostics
 from resting_aspects_ros.ros.interface import (
     CELL,
     DETECTIONS,
