@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,7 +17,6 @@ from resting_aspects_ros.api.count_files import (
     read_transitions,
 )
 from resting_aspects_ros.api.counts import (
-    DESIGNS,
     CountedDrops,
     check_same_part,
     common_groups,
@@ -26,7 +25,7 @@ from resting_aspects_ros.api.counts import (
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
 from resting_aspects_ros.input_files import MAX_COUNTED
 from resting_aspects_ros.report.comparison import ComparedResults, comparison_document, verdict
@@ -51,7 +50,6 @@ from resting_aspects_ros.statistics.drift import (
 from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
-    Interval,
     check_confidence,
 )
 from resting_aspects_ros.statistics.transitions import TransitionMatrix, no_actions
@@ -61,7 +59,6 @@ if TYPE_CHECKING:
 
 # Seed of the random tables of a p value, so that equal inputs give equal results.
 SEED = 1
-MAX_LISTED = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,42 +169,21 @@ def compare(
 
 def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:
     """Raise InvalidValueError if an aspect of one is not an aspect of the other."""
-    try:
-        check_same_part(
-            (f'A, {a.source!r},', a.part, a.part_sha256),
-            (f'B, {b.source!r},', b.part, b.part_sha256),
-        )
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{error}. {DESIGNS}') from None
-    if a.members == b.members:
-        return
-    # Counts that the suite wrote have all aspects of the part, so they are the reference.
-    one, other = (b, a) if a.down is not None or set(a.members) > set(b.members) else (a, b)
-    many = 'classes' if a.by_class else 'aspects'
-    raise InvalidValueError(
-        f'invalid {many} {_listed(one.members)} in {one.source!r}: expected those in '
-        f'{other.source!r}, {_listed(other.members)}; {_differences(one, other)}'
+    check_same_part(
+        (f'A, {a.source!r},', a.part, a.part_sha256), (f'B, {b.source!r},', b.part, b.part_sha256)
     )
-
-
-def _differences(one: CountedDrops, other: CountedDrops) -> str:
-    """Return which ids differ, and how to correct them."""
-    parts = []
-    if unknown := set(one.members) - set(other.members):
-        parts.append(f'not among them: {_listed(sorted(unknown))}')
-    if missing := set(other.members) - set(one.members):
-        parts.append(
-            f'missing: {_listed(sorted(missing))} (an aspect that was never seen has count 0; '
-            'aspects that look the same are counted by class, in a column class instead of aspect)'
+    if a.members != b.members:
+        many = 'classes' if a.by_class else 'aspects'
+        raise InvalidValueError(
+            f'invalid {many} {shown(a.members)} in {a.source!r}: expected those in {b.source!r}, '
+            f'{shown(b.members)} (what was never seen has count 0; what looks the same is counted '
+            'in a column class instead of aspect)'
         )
-    return '; '.join(parts)
 
 
 def _warn_if_incomplete(given: CountedDrops) -> None:
     if not given.complete:
-        known = given.run is not None and given.run.precision == 0
-        asked = f' of {given.run.drops}' if given.run and known else ''
-        warn(f'{given.source!r} is not complete: it has {given.drops}{asked} drops')
+        warn(f'{given.source!r} is not complete: it has {given.drops} drops')
 
 
 def _warn_if_dependent(a: CountedDrops, b: CountedDrops) -> None:
@@ -216,18 +192,10 @@ def _warn_if_dependent(a: CountedDrops, b: CountedDrops) -> None:
         return
     end = min(a.run.first_drop + a.drops, b.run.first_drop + b.drops)
     common = end - max(a.run.first_drop, b.run.first_drop)
-    if common <= 0:
-        return
-    if a.run.sequence() == b.run.sequence():
-        warn(
-            f'{common} drops of A and B are the same (equal part, conditions, engine and seed '
-            f'{a.run.seed}): they are not independent, so the bounds and the p value are invalid'
-        )
-    else:
+    if common > 0:
         warn(
             f'{common} drops of A and B start from the same orientations (seed {a.run.seed}): '
-            'they are not independent, so the bounds and the p value are only rough; use another '
-            'seed'
+            'they are not independent, so the bounds and the p value are wrong; use another seed'
         )
 
 
@@ -240,11 +208,6 @@ def _fields(given: CountedDrops) -> dict[str, object]:
         'complete': given.complete,
         'drops': given.drops,
     }
-
-
-def _listed(ids: Sequence[int]) -> str:
-    more = f' and {len(ids) - MAX_LISTED} more' if len(ids) > MAX_LISTED else ''
-    return (', '.join(map(str, ids[:MAX_LISTED])) or 'none') + more
 
 
 # -- Drift ----------------------------------------------------------------------------------------
@@ -325,7 +288,6 @@ def watch_drift(
     window: int | None = None,
     level: float = LEVEL,
     shift: float = SHIFT,
-    cumulative: bool = False,
     prior_weight: float = PRIOR_WEIGHT,
     confidence: float = CONFIDENCE,
 ) -> DriftResult:
@@ -352,8 +314,6 @@ def watch_drift(
         Probability of an alarm in a window without drift, 0.0001 to 0.25.
     shift : float
         The deviation of a class that should be found, 0.0001 to 0.4.
-    cumulative : bool
-        Whether each count in the file is the total since the start.
     prior_weight : float
         Weight of the simulated drops in the shares of `DriftResult.live`, in parts.
     confidence : float
@@ -381,7 +341,7 @@ def watch_drift(
     'No drift in 1 window of 200 parts.'
     """
     simulated = counted_by_class(counted_drops(expected))
-    observed = _observed(counts, simulated, cumulative=cumulative)
+    observed = _observed(counts, simulated)
     counted = tuple(sorted(number for group in observed.groups for number in group))
     if simulated.members != counted:
         raise InvalidValueError(
@@ -427,17 +387,10 @@ def _needed(drops: Counts, observed: ObservedCounts, shift: float, level: float)
 
 
 def _observed(
-    counts: ObservedCounts | str | Path | npt.ArrayLike,
-    simulated: CountedDrops,
-    *,
-    cumulative: bool,
+    counts: ObservedCounts | str | Path | npt.ArrayLike, simulated: CountedDrops
 ) -> ObservedCounts:
     if isinstance(counts, str | Path):
-        return read_observed(
-            Path(counts), simulated.members, cumulative=cumulative, part=simulated.part
-        )
-    if cumulative:
-        raise InvalidValueError('invalid cumulative True: expected only for counts in a file')
+        return read_observed(Path(counts), simulated.members, simulated.part)
     if isinstance(counts, ObservedCounts):
         return counts
     return counts_from_array(counts, simulated.groups)
@@ -446,54 +399,26 @@ def _observed(
 # -- Transitions ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class TransitionComparison:
-    """The share of one transition of a machine beside the simulated share.
-
-    before, after : int
-        Symmetry classes before and after the action.
-    trials, successes : int
-        Parts that were in ``before``, and those of them that came to ``after``.
-    measured, simulated : Interval
-        Share of these parts, and of the simulated actions, each with its Wilson interval. Without
-        simulated actions the share is nan and its interval 0 to 1.
-    difference : float
-        The measured minus the simulated share; nan without simulated actions.
-    lower, upper : float
-        Bounds of the difference: method 10 of Newcombe 1998 (Statistics in Medicine 17:873), the
-        hybrid score interval. They hold for this pair by itself.
-    confidence : float
-        Confidence of all intervals.
-    """
-
-    before: int
-    after: int
-    trials: int
-    successes: int
-    measured: Interval
-    simulated: Interval
-    difference: float
-    lower: float
-    upper: float
-    confidence: float
-
-
 @dataclass(frozen=True, eq=False)
 class MachineTransitions:
     """The transitions that a machine showed, beside the simulated ones.
 
     machine : TransitionMatrix
-        Counts of the machine from each symmetry class (row) to each; counts (c, c + 4). Its
+        Counts of the machine from each of the c symmetry classes (row) to each. Its
         ``probability`` and ``bounds`` are nan and 0 to 1 in a row without counts.
     simulated : TransitionMatrix
         The simulated action, by symmetry class.
-    comparisons : tuple of TransitionComparison
-        Each pair of classes in the rows with counts.
+    difference : (c, c) float
+        The measured minus the simulated share; nan in a row without counts of one of them.
+    lower, upper : (c, c) float
+        Bounds of each difference by itself; see `square_and_add`.
     """
 
     machine: TransitionMatrix
     simulated: TransitionMatrix
-    comparisons: tuple[TransitionComparison, ...]
+    difference: Array
+    lower: Array
+    upper: Array
 
 
 def machine_transitions(
@@ -541,32 +466,12 @@ def machine_transitions(
         machine.counts[ids.index(before), ids.index(after)] = count
     if not machine.counts.any():
         raise InvalidValueError(f'invalid counts in {shown(source)}: expected at least one part')
-    by_class = simulated.by_class()
-    return MachineTransitions(machine, by_class, tuple(_compared(machine, by_class, ids)))
-
-
-def _compared(
-    machine: TransitionMatrix, simulated: TransitionMatrix, ids: Sequence[int]
-) -> Iterator[TransitionComparison]:
-    """Yield the comparison of each pair of classes in the rows that the machine has counts of."""
-    matrices = machine, dataclasses.replace(simulated, interval=INTERVAL)
-    (a, b), bounds = [m.probability for m in matrices], [m.bounds() for m in matrices]
-    lower, upper = square_and_add(a, bounds[0], b, bounds[1])
-    for i in np.flatnonzero(machine.actions).tolist():
-        for j, after in enumerate(ids):
-            measured, theirs = (
-                Interval(*(float(each[i, j]) for each in (share, *of_share)))
-                for share, of_share in zip((a, b), bounds, strict=True)
-            )
-            yield TransitionComparison(
-                ids[i],
-                after,
-                int(machine.actions[i]),
-                int(machine.counts[i, j]),
-                measured,
-                theirs,
-                float(a[i, j] - b[i, j]),
-                float(lower[i, j]),
-                float(upper[i, j]),
-                simulated.confidence,
-            )
+    by_class = dataclasses.replace(simulated.by_class(), interval=INTERVAL)
+    known = slice(len(ids))
+    one, other = (
+        (each.probability[:, known], tuple(bound[:, known] for bound in each.bounds()))
+        for each in (machine, by_class)
+    )
+    return MachineTransitions(
+        machine, simulated.by_class(), one[0] - other[0], *square_and_add(*one, *other)
+    )

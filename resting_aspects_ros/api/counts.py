@@ -58,8 +58,6 @@ def common_groups(one: Groups, other: Groups) -> Groups:
 
 # Maximum size of a file of counts.
 MAX_BYTES = 1 << 26
-# What a message adds where designs instead of counts are compared.
-DESIGNS = 'To compare two designs: `resting_aspects drop OLD.stl NEW.stl`'
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,6 @@ from resting_aspects_ros.api.conditions import (
     given_conditions,
     shipped_surfaces,
     simulated_shapes,
-    warn_of_surroundings,
     with_surroundings,
 )
 from resting_aspects_ros.api.model_range import add_model_range, missing_in, model_range_text
@@ -494,7 +493,6 @@ def make_drops(
             reason,
         )
 
-    warn_of_surroundings(planned.run.conditions, part.hull_radius)
     with keep_result(result):
         with recorded(log, part, planned, tally) as (folder, to_log):
             everything = [*counts, *kept, *to_log, *consumers]

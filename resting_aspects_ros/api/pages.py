@@ -155,8 +155,7 @@ def _notes(result: 'DropResult') -> Iterator[str]:
     if not result.complete:
         goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
         yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
-    radius = result.part.hull_radius if result.part is not None else None
-    yield from outcome_hints(result.distribution, run.conditions, radius)
+    yield from outcome_hints(result.distribution, run.conditions)
     if result.convergence is not None:
         yield result.convergence.text().replace('\n', ' ')
     if result.part is None:

@@ -113,7 +113,9 @@ def read_state_csv(path: Path) -> GivenStates:
     rows: list[list[float]] = []
     with open_text(path, 'file of initial states', MAX_BYTES) as file:
         table = CsvTable(path, file)
-        columns = _columns(table)
+        others = f'the columns are {", ".join(NEEDED)}, and any of {", ".join(OPTIONAL)}'
+        known = [*NEEDED, *(name for name in OPTIONAL if name in table.names)]
+        columns = {name: table.column(name, others) for name in known}
         for line, row in table.rows():
             if len(rows) == MAX_STATES:
                 raise InvalidValueError(
@@ -140,19 +142,6 @@ def read_state_csv(path: Path) -> GivenStates:
         velocity=np.stack([vx, vy, vz], axis=-1),
         spin=np.stack([wx, wy, wz], axis=-1),
     )
-
-
-def _columns(table: CsvTable) -> dict[str, int]:
-    names = table.header
-    missing = [name for name in NEEDED if name not in names]
-    twice = [name for name in (*NEEDED, *OPTIONAL) if names.count(name) > 1]
-    if missing or twice:
-        problem = f'no column {missing[0]}' if missing else f'several columns {twice[0]}'
-        raise InvalidValueError(
-            f'invalid column names {shown(", ".join(names))} in {table.where}: {problem}; '
-            f'expected {", ".join(NEEDED)}, and any of {", ".join(OPTIONAL)}'
-        )
-    return {name: names.index(name) for name in (*NEEDED, *OPTIONAL) if name in names}
 
 
 # -- Drops ----------------------------------------------------------------------------------------

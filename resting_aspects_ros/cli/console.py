@@ -90,8 +90,7 @@ def print_result(result: DropResult, *, each: bool = False) -> None:
         show_table(contact_table(result.contacts, result.distribution))
     if shapes := simulated_shapes(part, result.run.conditions):
         show_texts(*shapes.sentences())
-    radius = part.hull_radius if part else None
-    show_texts(*outcome_hints(result.distribution, result.run.conditions, radius))
+    show_texts(*outcome_hints(result.distribution, result.run.conditions))
     if result.convergence is not None:
         print(result.convergence.text())
 

@@ -164,7 +164,7 @@ def add_action(
     columns = {
         'actions': [action],
         'action_run_ids': [run_id],
-        'action_messages': [_difference_text(found) if run_id else ''],
+        'action_messages': [_difference_text(found, ids) if run_id else ''],
         'moved': counts.ravel().tolist(),
         **_shares(found.machine, ('moved_probability', 'moved_lower', 'moved_upper')),
         **_shares(
@@ -191,15 +191,17 @@ def _shares(
     }
 
 
-def _difference_text(found: MachineTransitions) -> str:
+def _difference_text(found: MachineTransitions, ids: Sequence[int]) -> str:
     """Return the pair of classes that differs most from the simulation, in words; or ''."""
-    differing = [each for each in found.comparisons if each.lower > 0 or each.upper < 0]
-    if not differing:
+    differing = (found.lower > 0) | (found.upper < 0)
+    if not differing.any():
         return ''
-    most = max(differing, key=lambda each: abs(each.difference))
+    size = np.where(differing, np.abs(found.difference), 0)
+    i, j = divmod(int(size.argmax()), len(ids))
+    measured, simulated = (each.probability[i, j] for each in (found.machine, found.simulated))
+    points = points_text(found.difference[i, j], found.lower[i, j], found.upper[i, j])
     return (
-        f'{100 * most.measured.probability:.0f} % of class {most.before} come to class '
-        f'{most.after} instead of {100 * most.simulated.probability:.0f} %: '
-        f'{points_text(most.difference, most.lower, most.upper)} points '
-        f'({100 * most.confidence:g} % interval of this pair)'
+        f'{100 * measured:.0f} % of class {ids[i]} come to class {ids[j]} instead of '
+        f'{100 * simulated:.0f} %: {points} points '
+        f'({100 * found.simulated.confidence:g} % interval of this pair)'
     )

@@ -110,7 +110,7 @@ def _show_aspects(work: Work) -> None:
 
     result = work.drops(consumers=[tally.add], progress=progress)
     _show_bars(work, result.distribution, result.subtitle)
-    hints = outcome_hints(result.distribution, conditions, work.opened.part.hull_radius)
+    hints = outcome_hints(result.distribution, conditions)
     notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
     work.show('range', [Text(result.range_text, 'plain'), words])

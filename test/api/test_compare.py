@@ -30,10 +30,10 @@ def expected(tmp_path):
 def observed(tmp_path):
     """Write a CSV and read it as counts of three classes."""
 
-    def read(*lines, **options):
+    def read(*lines):
         path = tmp_path / 'counted.csv'
         path.write_text('\n'.join(lines), encoding='utf-8')
-        return read_observed(path, (1, 2, 3), **options)
+        return read_observed(path, (1, 2, 3))
 
     return read
 
@@ -76,30 +76,21 @@ def test_classes_can_be_counted_together(observed, lines):
     assert (windows(found), found.parts, found.unclassified) == ([[1, 5], [4, 6]], 16, 4)
 
 
-def test_cumulative_counts_are_differences(observed):
-    found = observed('1,2,3', '5,5,0', '5,9,1', cumulative=True)
-    assert windows(found) == [[5, 5, 0], [0, 4, 1]]
-    lines = ('batch,class,count', 'a,1,5', 'a,2,5', 'b,2,9', 'b,3,1')
-    assert windows(observed(*lines, cumulative=True)) == [[5, 5, 0], [0, 4, 1]]
-
-
 @pytest.mark.parametrize(
-    ('lines', 'cumulative', 'message'),
+    ('lines', 'message'),
     [
-        (('aspect,count', '1,2'), False, 'expected a column aspect or class and'),
-        (('1,2', '3,4'), False, 'expected one column for each class, 1, 2, 3'),
-        (('1,2,3', '3,-4,5'), False, "invalid count of class 2 '-4' .* line 2: expected an int"),
-        (('1,2,3', '0,0,0'), False, 'invalid number of counted parts 0'),
-        (('class', '1', '4'), False, "invalid class '4' .* line 3: expected the number of a"),
-        (('batch,class,count', 'a,1,2', 'b,1,3', 'a,2,3'), False, 'rows of a batch together'),
-        (('class,count', '2+3,5', '3,4'), False, "class '3' .* the file counts 2.3 together"),
-        (('1,2,3', '3,4,5', '3,3,9'), True, "class 2 '3' .* line 3: expected 4 or more, bec"),
-        (('class', '1'), True, 'expected counts that can be cumulative, but each row is one part'),
+        (('aspect,count', '1,2'), 'expected a column aspect or class and'),
+        (('1,2', '3,4'), r'one column for each class.*; the classes are \(1, 2, 3\)'),
+        (('1,2,3', '3,-4,5'), "invalid 2 '-4' .* line 2: expected an integer"),
+        (('1,2,3', '0,0,0'), 'invalid number of counted parts 0'),
+        (('class', '1', '4'), "invalid class '4' .* line 3: expected the number of a class"),
+        (('batch,class,count', 'a,1,2', 'a,1,3'), 'each class once in a batch'),
+        (('class,count', '2+3,5', '3,4'), "class '3' .* one of 1, 2, 3, in one group"),
     ],
-)  # fmt: skip
-def test_wrong_files_are_named(observed, lines, cumulative, message):
+)
+def test_wrong_files_are_named(observed, lines, message):
     with pytest.raises(InvalidValueError, match=message):
-        observed(*lines, cumulative=cumulative)
+        observed(*lines)
 
 
 @pytest.mark.parametrize('rows', [[[1, 1.5, 1]], [[1, np.nan, 1]], [[1, 1]], [['a', 1, 1]], []])
@@ -174,7 +165,6 @@ def test_few_drops_give_a_warning(tmp_path):
     [
         ([GOOD], {'window': 0}, 'invalid window 0: expected an integer'),
         ([GOOD], {'prior_weight': 0}, 'invalid prior weight 0'),
-        ([GOOD], {'cumulative': True}, 'invalid cumulative True'),
         (counts_from_array([[1, 2, 3]], CLASSES), {}, r'invalid classes \[1, 2, 3, 4, 5\] in '),
     ],
 )
@@ -197,11 +187,10 @@ def test_matrix_of_the_machine_has_the_counts_of_a_file(simulated, tmp_path):
     found = machine_transitions(path, dataclasses.replace(simulated, counts=counts))
     assert found.machine.counts.tolist() == [[56, 14, 0, 0, 0, 0], [0] * 6]
     # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
-    first, _ = found.comparisons
-    assert first.difference == pytest.approx(56 / 70 - 48 / 80)
-    assert (first.lower, first.upper) == pytest.approx((0.0524, 0.3339), abs=5e-5)
-    unknown, _ = machine_transitions(path, simulated).comparisons
-    assert np.isnan(unknown.difference)
+    assert found.difference[0, 0] == pytest.approx(56 / 70 - 48 / 80)
+    bounds = found.lower[0, 0], found.upper[0, 0]
+    assert bounds == pytest.approx((0.0524, 0.3339), abs=5e-5)
+    assert np.isnan(machine_transitions(path, simulated).difference).all()
 
 
 @pytest.mark.parametrize(
@@ -211,7 +200,7 @@ def test_matrix_of_the_machine_has_the_counts_of_a_file(simulated, tmp_path):
         ([(1, 2, 5), (1, 2, 6)], 'expected each pair of the classes 1, 2 once'),
         ([(1, 2, 0.5)], 'invalid count 0.5 from 1 to 2'),
         ([], 'expected at least one part'),
-        ('class,count\n1,2\n', 'invalid column names .* expected from, to, count'),
+        ('class,count\n1,2\n', 'invalid column names .* the columns are from, to, count'),
         ('from,to,count\n1,2,nan\n', "invalid count 'nan' .* line 2"),
     ],
 )

@@ -110,7 +110,7 @@ def test_shift_compares_the_same_drops_with_half_the_time_step(part, surfaces):
     before = result.distribution.counts
     shift = fine / fine.sum() - before / before.sum()
     moved = int(np.abs(shift).argmax())
-    assert (found.aspect, found.drops) == (moved + 1, 500)
+    assert (found.column, found.number) == (moved, 500)
     assert found.shift == pytest.approx(shift[moved], abs=1e-12)
     assert found.lower <= found.shift <= found.upper
 

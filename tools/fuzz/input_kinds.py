@@ -176,13 +176,8 @@ def csv_kinds(part: ra.Part) -> dict[str, Kind]:
         ),
         'observed': Kind(
             'observed.csv',
-            lambda path: read_observed(path, [1, 2, 3], cumulative=False),
+            lambda path: read_observed(path, [1, 2, 3]),
             tuple(text.encode() for text in (*seen, 'class\n1\n2\n1\n')),
-        ),
-        'cumulative': Kind(
-            'totals.csv',
-            lambda path: read_observed(path, [1, 2, 3], cumulative=True),
-            (seen[1].encode(),),
         ),
         'poses': Kind('poses.csv', lambda path: read_pose_csv(path, 1), (poses.encode(),)),
         'states': Kind('states.csv', read_state_csv, (states.encode(),)),

@@ -4,14 +4,12 @@ import argparse
 from pathlib import Path
 
 from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
-from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import DONE, show_result
 from resting_aspects_ros.cli.options import (
     add_output,
     add_part_place,
-    add_surroundings,
     refuse,
     requested_part,
 )
@@ -32,7 +30,6 @@ cluster and aspect do not correspond."""
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
-  resting_aspects classify poses.csv --part l_bracket --surroundings l_chute
   resting_aspects classify poses.csv --part my_part.stl --json > o.json
 """
 
@@ -49,7 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
     add_part_place(parser)
-    add_surroundings(parser)
     parser.add_argument(
         '--tolerance',
         metavar='DEG',
@@ -65,8 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.tolerance is not None:
         degrees = parse_quantity('--tolerance', arguments.tolerance, '')
     part = _part(arguments)
-    surroundings = requested_surroundings(arguments.surroundings, arguments.set)
-    result = classify(arguments.poses, part, tolerance=degrees, surroundings=surroundings)
+    result = classify(arguments.poses, part, tolerance=degrees)
     title = f'{one_line(arguments.poses.name)}, {result.poses.drops} poses'
 
     def show() -> None:

@@ -76,11 +76,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='compare with the drops in a log, a JSON document of drop or request, or a CSV with '
         'columns class and count, instead of new drops',
     )
-    parser.add_argument(
-        '--cumulative',
-        action='store_true',
-        help='each count is the total since the start, as a counter shows it',
-    )
     add_integer(
         parser,
         '--window',
@@ -131,9 +126,7 @@ def run(arguments: argparse.Namespace) -> int:
     part = requested_part(arguments)
     aspects = find_aspects(part)
     classes = [members[0].symmetry_class for members in aspects.classes()]
-    observed = read_observed(
-        arguments.counts, classes, cumulative=arguments.cumulative, part=part.name
-    )
+    observed = read_observed(arguments.counts, classes, part.name)
     # Before the drops, which can take time.
     check_windows(observed, options.get('window', 1))
     checks = {
