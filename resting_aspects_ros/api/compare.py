@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -14,20 +13,19 @@ from resting_aspects_ros.api.count_files import (
     counted_drops,
     counts_from_array,
     read_observed,
-    read_transitions,
 )
 from resting_aspects_ros.api.counts import (
     CountedDrops,
     check_same_part,
     common_groups,
     counted_by_class,
+    single_groups,
 )
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
-from resting_aspects_ros.input_files import MAX_COUNTED
 from resting_aspects_ros.report.comparison import ComparedResults, comparison_document, verdict
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.drift import drift_fields, drift_sentence
@@ -421,57 +419,33 @@ class MachineTransitions:
     upper: Array
 
 
-def machine_transitions(
-    counts: str | Path | Iterable[tuple[int, int, int]], simulated: TransitionMatrix
-) -> MachineTransitions:
+def machine_transitions(counts: npt.ArrayLike, simulated: TransitionMatrix) -> MachineTransitions:
     """Return the transition matrix of a machine beside the simulated one.
 
     Parameters
     ----------
-    counts : str, Path or iterable of (int, int, int)
-        For each pair of symmetry classes, the class before an action, the class after it, and the
-        number of parts; or a CSV with the columns ``from``, ``to`` and ``count``. Parts are
-        followed one by one, so that it is known which part was in which class before. A pair
-        without an entry was not seen.
+    counts : (c, c) int
+        Number of parts that came from each symmetry class (row) to each in an action. Parts are
+        followed one by one, so that it is known which part was in which class before.
     simulated : TransitionMatrix
         The same action, over the aspects of the part: a `ReorientResult` has it.
 
     Raises
     ------
     InvalidValueError
-        A class is unknown, a pair occurs twice, a count is not an integer from 0 to MAX_COUNTED,
-        there is no count, or the file has another format.
+        The counts are no integers, there are none, or too many, or the shape is wrong.
     """
-    aspects = simulated.aspects
-    ids = [members[0].symmetry_class for members in aspects.classes()]
-    rows: Iterable[tuple[int, int, int]]
-    if isinstance(counts, str | Path):
-        source, rows = str(counts), read_transitions(Path(counts))
-    else:
-        source, rows = 'counts', counts
-    machine = no_actions(aspects, confidence=simulated.confidence).by_class()
-    found = set()
-    for before, after, count in rows:
-        if before not in ids or after not in ids or (before, after) in found:
-            raise InvalidValueError(
-                f'invalid transition from {shown(before)} to {shown(after)} in {shown(source)}: '
-                f'expected each pair of the classes {", ".join(map(str, ids))} once'
-            )
-        if not (isinstance(count, int | np.integer) and 0 <= count <= MAX_COUNTED):
-            raise InvalidValueError(
-                f'invalid count {shown(count)} from {before} to {after} in {shown(source)}: '
-                f'expected an integer from 0 to {MAX_COUNTED}'
-            )
-        found.add((before, after))
-        machine.counts[ids.index(before), ids.index(after)] = count
-    if not machine.counts.any():
-        raise InvalidValueError(f'invalid counts in {shown(source)}: expected at least one part')
-    by_class = dataclasses.replace(simulated.by_class(), interval=INTERVAL)
-    known = slice(len(ids))
-    one, other = (
-        (each.probability[:, known], tuple(bound[:, known] for bound in each.bounds()))
-        for each in (machine, by_class)
+    by_class = simulated.by_class()
+    c = len(by_class.counts)
+    given = counts_from_array(counts, single_groups(range(1, c + 1)), 'transitions')
+    if given.count.size != c * c:
+        raise InvalidValueError(f'invalid transitions {shown(counts)}: expected {c} rows')
+    machine = no_actions(simulated.aspects, confidence=simulated.confidence).by_class()
+    machine.counts[:, :c] = given.count.reshape(c, c)
+    # Each difference by itself.
+    wilson = dataclasses.replace(by_class, interval=INTERVAL)
+    difference = machine.probability - by_class.probability
+    lower, upper = square_and_add(
+        machine.probability, machine.bounds(), wilson.probability, wilson.bounds()
     )
-    return MachineTransitions(
-        machine, simulated.by_class(), one[0] - other[0], *square_and_add(*one, *other)
-    )
+    return MachineTransitions(machine, by_class, difference[:, :c], lower[:, :c], upper[:, :c])

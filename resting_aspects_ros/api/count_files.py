@@ -1,4 +1,4 @@
-"""Read counts of drops, of newly supplied parts or of transitions, from a log, JSON or a CSV.
+"""Read counts of drops, or of newly supplied parts, from a log, JSON or a CSV.
 
 A CSV of counts has one of two forms:
 
@@ -36,8 +36,6 @@ from resting_aspects_ros.statistics.counted_parts import Groups, ObservedCounts
 
 ASPECT, CLASS, COUNT = 'aspect', 'class', 'count'
 LABELS = ('batch', 'time')
-# Columns of a file of transitions.
-TRANSITION_COLUMNS = ('from', 'to', 'count')
 _EXPECTED = (
     'a column aspect or class and, unless each row is one, a column count; or one column for each '
     'class, named by its number, as class_1, or as 3+4 for classes that are counted together (a '
@@ -112,7 +110,9 @@ def read_observed(path: Path, ids: Sequence[int], part: str = '') -> ObservedCou
     return observed
 
 
-def counts_from_array(counts: npt.ArrayLike, groups: Groups) -> ObservedCounts:
+def counts_from_array(
+    counts: npt.ArrayLike, groups: Groups, what: str = 'counts'
+) -> ObservedCounts:
     """Return the counts of an array (b, c): a row for each batch, a column for each group.
 
     Raises InvalidValueError unless these are integers from 0 to MAX_COUNTED.
@@ -126,10 +126,10 @@ def counts_from_array(counts: npt.ArrayLike, groups: Groups) -> ObservedCounts:
         fits, rows = False, np.zeros((0, 0), dtype=np.int64)
     if not fits or rows.ndim != 2 or rows.shape[1] != len(groups):
         raise InvalidValueError(
-            f'invalid counts {shown(counts)}: expected rows of {len(groups)} integers from 0 to '
+            f'invalid {what} {shown(counts)}: expected rows of {len(groups)} integers from 0 to '
             f'{MAX_COUNTED}, one for each class'
         )
-    observed = ObservedCounts.of_rows(rows, 'counts', groups)
+    observed = ObservedCounts.of_rows(rows, what, groups)
     check_parts(observed)
     return observed
 
@@ -141,22 +141,6 @@ def check_parts(counts: ObservedCounts) -> None:
             f'invalid number of counted parts {counts.parts} in {counts.source!r}: expected 1 to '
             f'{MAX_COUNTED}'
         )
-
-
-def read_transitions(path: Path) -> list[tuple[int, int, int]]:
-    """Read the class before an action, the class after it and the number of parts of each row."""
-    with open_text(path, 'file of transitions', MAX_BYTES) as file:
-        table = CsvTable(path, file)
-        others = f'the columns are {", ".join(TRANSITION_COLUMNS)}'
-        before, after, count = (table.column(name, others) for name in TRANSITION_COLUMNS)
-        return [
-            (
-                table.count(line, row, before),
-                table.count(line, row, after),
-                table.count(line, row, count),
-            )
-            for line, row in table.rows()
-        ]
 
 
 def _last_of_log(path: Path) -> CountedDrops:

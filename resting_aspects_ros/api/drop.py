@@ -200,7 +200,6 @@ def drop(
     workers: int | Workers | None = None,
     keep_poses: bool = True,
     log: str | Path | None = None,
-    force: bool = False,
     consumers: Sequence[Consumer] = (),
     progress: Progress = False,
     stopped: Callable[[], bool] = never,
@@ -254,8 +253,6 @@ def drop(
     log : str or Path, optional
         Folder of logs, in which a log of the run is written as drop_recorder writes it; see
         `DropResult.log`. Imports ROS.
-    force : bool
-        Accept a height that looks like a mistake: of more than 500 radii of the part.
     consumers : sequence of callable
         Called with each chunk of poses, in order, and the ids of their aspects, 0 for none.
     progress : bool or callable
@@ -298,8 +295,7 @@ def drop(
             raise InvalidValueError(
                 'invalid replicates or noise: expected only with initial_states'
             )
-        if not force:
-            check_height(loaded, given.height)
+        check_height(loaded, given.height)
         if drops is not None:
             check_drops(drops)
         count = drops or (0 if precision else DEFAULT_DROPS)
@@ -350,9 +346,7 @@ class LoggedDrops:
 
 def repeat_log(
     log: str | Path | LoggedDrops,
-    drops: int | None = None,
     *,
-    precision: float = 0.0,
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     check_convergence: bool = False,
@@ -366,42 +360,25 @@ def repeat_log(
 ) -> DropResult:
     """Repeat the drops that a log has, with its part, conditions and seed; imports ROS.
 
-    Warns if the engine, a version or the time step differs from that of the log.
-
-    Parameters
-    ----------
-    log : str, Path or LoggedDrops
-        The folder of a run, or its .mcap file; or what `logged_drops` returns.
-    drops, precision
-        As for `drop`, if another number of drops is requested than the log has.
-    interval, confidence, check_convergence, model_range, engine, workers, keep_poses, consumers
-        As for `drop`.
-    progress, stopped
-        As for `drop`.
-
-    Raises
-    ------
-    InvalidValueError
-        The log cannot be read, or has no drops, or no description of its part.
-    EngineError
-        Worker processes of Bullet cannot be started, or died repeatedly.
+    Warns if the engine, a version or the time step differs from that of the log. ``log`` is the
+    folder of a run, its .mcap file, or what `logged_drops` returned; the other arguments and the
+    errors are those of `drop`.
     """
     logged = log if isinstance(log, LoggedDrops) else logged_drops(log)
     part, run = logged.part, logged.run
-    repeats = drops is None and not precision
     known = shipped_surfaces().recorded_uncertainty(run.conditions)
     planned = plan_drops(
         part,
         dataclasses.replace(run.conditions, uncertainty=known or ()),
-        drops=logged.end - logged.first if repeats else drops or 0,
+        drops=logged.end - logged.first,
         seed=run.seed,
-        first_drop=logged.first if repeats else run.first_drop,
-        precision=run.precision if repeats else precision,
-        stop_at=0.0 if repeats else precision,
+        first_drop=logged.first,
+        precision=run.precision,
         interval=interval,
         confidence=confidence,
         engine=engine,
     )
+    planned = dataclasses.replace(planned, stop_at=0.0)
     _warn_of_another_engine(run, planned.run)
     for warning in part.warnings:
         warn(warning)

@@ -147,8 +147,8 @@ def read_state_csv(path: Path) -> GivenStates:
 # -- Drops ----------------------------------------------------------------------------------------
 
 
-# In hull radii. A greater height is probably a mistake of the unit, and the drops take minutes.
-MAX_HEIGHT = 500
+# A height of more than both, in hull radii and in m, is probably a mistake of the unit.
+MAX_RADII, MAX_HEIGHT = 500, 1.0
 DEFAULT_ACTION = 'tap'
 # 385 actions give intervals of about +-0.05 in the worst case.
 DEFAULT_PER_ASPECT = 400
@@ -166,12 +166,11 @@ def new_run() -> dict[str, Any]:
 
 def check_height(part: Part, height: float) -> None:
     """Raise InvalidValueError if a height, m, is probably in a wrong unit."""
-    limit = MAX_HEIGHT * part.hull_radius
+    limit = max(MAX_HEIGHT, MAX_RADII * part.hull_radius)
     if height > limit:
         raise InvalidValueError(
-            f'invalid height {height:g} m: expected at most {MAX_HEIGHT} times the radius of '
-            f'{part.name}, {limit:.3g} m (drop --force allows more); values are in SI units '
-            f'unless they have a unit, such as {height:g}mm'
+            f'invalid height {height:g} m: expected at most {limit:.3g} m for the size of '
+            f'{part.name}; values are in SI units unless they have a unit, such as {height:g}mm'
         )
 
 
@@ -198,7 +197,6 @@ def plan_drops(
     seed: int,
     first_drop: int = 0,
     precision: float = 0.0,
-    stop_at: float | None = None,
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     starts: Starts | None = None,
@@ -206,8 +204,7 @@ def plan_drops(
 ) -> PlannedDrops:
     """Find the aspects of a part and plan a run; raises InvalidValueError.
 
-    ``stop_at`` is the precision at which to stop, if it differs from that of the run. See
-    plan_run for ``starts`` and ``engine``.
+    See plan_run for ``starts`` and ``engine``.
     """
     check_interval_method(interval)
     check_confidence(confidence)
@@ -222,8 +219,7 @@ def plan_drops(
         confidence=confidence,
         by_precision=precision > 0,
     )
-    stop_at = precision if stop_at is None else stop_at
-    count = max_drops(drops, stop_at, MAX_DROPS, len(empty.aspects), interval, confidence)
+    count = max_drops(drops, precision, MAX_DROPS, len(empty.aspects), interval, confidence)
     job, run = plan_run(
         part,
         conditions,
@@ -236,7 +232,7 @@ def plan_drops(
         starts=starts,
         engine=engine,
     )
-    return PlannedDrops(job, run, empty, stop_at, contacts_in(scene, part, aspects))
+    return PlannedDrops(job, run, empty, precision, contacts_in(scene, part, aspects))
 
 
 @dataclass(frozen=True)
@@ -380,12 +376,6 @@ def named_action(action: str | Action | NamedAction) -> NamedAction:
     if isinstance(action, NamedAction):
         return action
     if isinstance(action, str):
-        if action in KINDS:
-            raise InvalidValueError(
-                f'invalid action {action!r}, which is a kind of action: expected one with values, '
-                f'such as ra.{KINDS[action].__name__}(...), or one of '
-                f'{", ".join(shipped_actions().names())}'
-            )
         return shipped_actions().get(action)
     if not isinstance(action, tuple(KINDS.values())):
         raise InvalidValueError(

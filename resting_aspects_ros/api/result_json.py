@@ -1,7 +1,4 @@
-"""Read the JSON document of a distribution that `drop`, `request` or `classify` printed.
-
-`drop` and `request` describe the run, too, so that their result is read back for a report.
-"""
+"""Read the JSON document of a distribution that `drop` or `request` printed."""
 
 import json
 import math
@@ -71,7 +68,7 @@ class CountedAspect(RangedShare):
     id: Count
     down_in_part: tuple[Number, Number, Number]
     rolls: StrictBool = False
-    symmetry_class: Count | None = None
+    symmetry_class: Count
 
 
 class CountedClass(RangedShare):
@@ -80,8 +77,15 @@ class CountedClass(RangedShare):
     symmetry_class: Count
 
 
-class CountsDocument(BaseModel):
-    """Counts over aspects, as `classify` prints them."""
+class HistoryRow(BaseModel):
+    """Counts over aspects after the first drops of a run."""
+
+    drops: Count
+    counts: list[Count]
+
+
+class RunDocument(BaseModel):
+    """The distribution of a run."""
 
     schema_version: Literal[2]
     part: StrictStr
@@ -94,18 +98,6 @@ class CountsDocument(BaseModel):
     lost: Count = 0
     sliding: Count = 0
     aspects: Sequence[CountedAspect]
-
-
-class HistoryRow(BaseModel):
-    """Counts over aspects after the first drops of a run."""
-
-    drops: Count
-    counts: list[Count]
-
-
-class RunDocument(CountsDocument):
-    """The distribution of a run, as `drop` and `request` print it."""
-
     run_id: StrictStr
     conditions: Conditions
     seed: Seed
@@ -144,7 +136,7 @@ class RunDocument(CountsDocument):
         return RunDescription(**values)
 
 
-def read_document(path: Path, text: str) -> CountsDocument:
+def read_document(path: Path, text: str) -> RunDocument:
     """Return the checked document; raises InvalidValueError with file and field."""
     document = parse_json(path, text)
     method = document.get('method', METHOD)
@@ -152,13 +144,12 @@ def read_document(path: Path, text: str) -> CountsDocument:
         raise InvalidValueError(
             f'{file_text(path)} is of method {shown(method)}: expected a JSON document of drops'
         )
-    model = RunDocument if 'run_id' in document else CountsDocument
-    return validated(model, document, file_text(path))
+    return validated(RunDocument, document, file_text(path))
 
 
-def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
+def counts_of(path: Path, document: RunDocument) -> CountedDrops:
     """Return the counts in a document; raises InvalidValueError for contradictions."""
-    if document.part and not is_valid_name(document.part):
+    if not is_valid_name(document.part):
         raise invalid_field(
             path, 'part', document.part, 'a name of lower case letters, digits and _'
         )
@@ -168,12 +159,8 @@ def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
         raise invalid_field(path, 'ids', ids, 'each aspect once')
     counts = np.array([aspect.count for aspect in aspects], dtype=np.int64)
     down = [[math.nan] * 3 if aspect.rolls else aspect.down_in_part for aspect in aspects]
-    classes = [each.symmetry_class for each in aspects if each.symmetry_class is not None]
-    run, model = None, None
-    if isinstance(document, RunDocument):
-        with located(f'invalid conditions in {file_text(path)}'):
-            run = document.description()
-        model = _model(path, document, aspects)
+    with located(f'invalid conditions in {file_text(path)}'):
+        run = document.description()
     given = CountedDrops(
         str(path),
         single_groups(ids),
@@ -188,8 +175,8 @@ def counts_of(path: Path, document: CountsDocument) -> CountedDrops:
         part_sha256=document.part_sha256,
         run=run,
         complete=document.complete,
-        classes=tuple(classes) if len(classes) == len(aspects) else None,
-        model=model,
+        classes=tuple(aspect.symmetry_class for aspect in aspects),
+        model=_model(path, document, aspects),
     )
     if document.drops != given.drops:
         raise invalid_field(path, 'drops', document.drops, f'{given.drops}, the sum of all counts')
@@ -208,7 +195,7 @@ def _model(
     shares = np.array([each.count for each in rows]) / max(document.drops, 1)
     bounds = np.array([(each.model_lower, each.model_upper) for each in rows], dtype=np.float64)
     low, high = bounds.reshape(-1, 2).T
-    complete = known == sorted({each.symmetry_class or 0 for each in aspects})
+    complete = known == sorted({each.symmetry_class for each in aspects})
     if not complete or not ((low <= shares) & (shares <= high)).all():
         raise InvalidValueError(
             f'{str(path)!r}: invalid model range: expected bounds of each aspect and class'
@@ -236,11 +223,6 @@ def document_result(
     with open_text(path, 'result file', MAX_BYTES) as file:
         document = read_document(path, file.read())
     given = counts_of(path, document)
-    if given.run is None or not isinstance(document, RunDocument):
-        raise InvalidValueError(
-            f'{str(path)!r} has no run: expected a log (the folder of a run, or its '
-            '.mcap file), or a JSON document of drop or request'
-        )
     part = _part(path, document, part_text, unit, parts, body)
     aspects = find_aspects(part)
     if given.ids != tuple(each.id for each in aspects):
@@ -263,7 +245,7 @@ def document_result(
         distribution.intervals()
     return DropResult(
         distribution,
-        given.run,
+        document.description(),
         part,
         given.complete,
         document.convergence,

@@ -50,12 +50,12 @@ NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
 # with given states; and with a batch of parts.
 _OF_A_LOG = (
     *('part', 'unit', 'body', 'parts', 'surface', 'surfaces', *QUANTITIES, 'height_of', 'seed'),
-    *('surroundings', 'set', 'force', 'initial_states', 'log'),
+    *('drops', 'precision', 'surroundings', 'set', 'initial_states', 'log'),
 )
 _OF_STATES = ('replicates', *NOISES)
 _OF_RELEASES = (
     *(name for name, quantity in QUANTITIES.items() if quantity.at_release),
-    *('height_of', 'force'),
+    'height_of',
 )
 _SINGLE = (
     *('body', 'parts', 'from_log', 'initial_states', 'replicates', 'log', 'poses', *NOISES),
@@ -66,7 +66,6 @@ _SINGLE = (
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options that the drops of a part and of a batch have."""
     return {
-        'precision': requested_precision(arguments),
         'interval': arguments.interval,
         'confidence': arguments.confidence,
         'model_range': not arguments.no_model_range,
@@ -112,7 +111,7 @@ def _requested(
     if arguments.from_log is not None:
         refuse(arguments, _OF_A_LOG, 'without --from-log, which defines it', 'PART_OR_MESH')
         logged = logged_drops(arguments.from_log)
-        return partial(repeat_log, logged, arguments.drops, **options), logged.part.name
+        return partial(repeat_log, logged, **options), logged.part.name
     if arguments.part is None:
         raise InvalidValueError(
             'missing part: expected a name, a mesh file, or --from-log (see --help)'
@@ -133,10 +132,10 @@ def _requested(
         drop,
         part,
         arguments.drops,
+        precision=requested_precision(arguments),
         surface=requested_conditions(arguments),
         seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
         log=arguments.log,
-        force=arguments.force,
         **options,
     )
     return simulate, part.name
@@ -212,10 +211,10 @@ def drop_batch_and_show(arguments: argparse.Namespace, session: Session) -> int:
     batch = drop_batch(
         arguments.part,
         arguments.drops,
+        precision=requested_precision(arguments),
         surface=requested_conditions(arguments),
         seed=DEFAULT_SEED if arguments.seed is None else arguments.seed,
         unit=arguments.unit,
-        force=arguments.force,
         out=arguments.out or BATCH_FOLDER,
         **_options(arguments),
         **session.options,

@@ -158,13 +158,11 @@ def add_action(
     run_id : str
         Run of the simulated transitions; empty if they are not known.
     """
-    ids = [members[0].symmetry_class for members in simulated.aspects.classes()]
-    rows = [(ids[i], ids[j], int(counts[i, j])) for i in range(len(ids)) for j in range(len(ids))]
-    found = machine_transitions(rows, simulated)
+    found = machine_transitions(counts, simulated)
     columns = {
         'actions': [action],
         'action_run_ids': [run_id],
-        'action_messages': [_difference_text(found, ids) if run_id else ''],
+        'action_messages': [_difference_text(found) if run_id else ''],
         'moved': counts.ravel().tolist(),
         **_shares(found.machine, ('moved_probability', 'moved_lower', 'moved_upper')),
         **_shares(
@@ -191,17 +189,17 @@ def _shares(
     }
 
 
-def _difference_text(found: MachineTransitions, ids: Sequence[int]) -> str:
+def _difference_text(found: MachineTransitions) -> str:
     """Return the pair of classes that differs most from the simulation, in words; or ''."""
     differing = (found.lower > 0) | (found.upper < 0)
     if not differing.any():
         return ''
     size = np.where(differing, np.abs(found.difference), 0)
-    i, j = divmod(int(size.argmax()), len(ids))
+    i, j = divmod(int(size.argmax()), len(size))
     measured, simulated = (each.probability[i, j] for each in (found.machine, found.simulated))
     points = points_text(found.difference[i, j], found.lower[i, j], found.upper[i, j])
     return (
-        f'{100 * measured:.0f} % of class {ids[i]} come to class {ids[j]} instead of '
+        f'{100 * measured:.0f} % of class {i + 1} come to class {j + 1} instead of '
         f'{100 * simulated:.0f} %: {points} points '
         f'({100 * found.simulated.confidence:g} % interval of this pair)'
     )

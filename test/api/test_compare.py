@@ -179,34 +179,28 @@ def simulated(part):
     return no_actions(find_aspects(part('hex_nut')))
 
 
-def test_matrix_of_the_machine_has_the_counts_of_a_file(simulated, tmp_path):
-    path = tmp_path / 'pairs.csv'
-    path.write_text('to;From;count\n1;1;56\n2;1;14\n')
+def test_matrix_of_the_machine_is_beside_the_simulated_one(simulated):
     counts = np.zeros_like(simulated.counts)
     counts[0, [0, -1]] = 48, 32
-    found = machine_transitions(path, dataclasses.replace(simulated, counts=counts))
+    moved = [[56, 14], [0, 0]]
+    found = machine_transitions(moved, dataclasses.replace(simulated, counts=counts))
     assert found.machine.counts.tolist() == [[56, 14, 0, 0, 0, 0], [0] * 6]
     # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
     assert found.difference[0, 0] == pytest.approx(56 / 70 - 48 / 80)
     bounds = found.lower[0, 0], found.upper[0, 0]
     assert bounds == pytest.approx((0.0524, 0.3339), abs=5e-5)
-    assert np.isnan(machine_transitions(path, simulated).difference).all()
+    assert np.isnan(machine_transitions(moved, simulated).difference).all()
 
 
 @pytest.mark.parametrize(
     ('given', 'message'),
     [
-        ([(1, 3, 5)], 'invalid transition from 1 to 3 in .*: expected each pair of the classes'),
-        ([(1, 2, 5), (1, 2, 6)], 'expected each pair of the classes 1, 2 once'),
-        ([(1, 2, 0.5)], 'invalid count 0.5 from 1 to 2'),
-        ([], 'expected at least one part'),
-        ('class,count\n1,2\n', 'invalid column names .* the columns are from, to, count'),
-        ('from,to,count\n1,2,nan\n', "invalid count 'nan' .* line 2"),
+        ([[1, 2]], 'expected 2 rows'),
+        ([[1, 2, 3]], 'invalid transitions .* rows of 2 integers'),
+        ([[1, 0.5], [0, 0]], 'rows of 2 integers'),
+        ([[0, 0], [0, 0]], 'invalid number of counted parts 0'),
     ],
 )
-def test_wrong_transitions_are_named(simulated, tmp_path, given, message):
-    if isinstance(given, str):
-        (tmp_path / 'pairs.csv').write_text(given)
-        given = tmp_path / 'pairs.csv'
+def test_wrong_transitions_are_named(simulated, given, message):
     with pytest.raises(InvalidValueError, match=message):
         machine_transitions(given, simulated)

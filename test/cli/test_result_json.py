@@ -72,8 +72,8 @@ NOT_READ = (
     *('classes', 'mesh_sha256', 'method', 'history', 'convergence', 'mesh_file', 'unit'),
     'no_model_range',
 )
-OPTIONAL = {'rolls', 'complete', 'run_id', 'body', 'lost', 'sliding', 'surroundings'}
-OPTIONAL |= {'symmetry_class', 'model_uncertain', 'model_lower', 'model_upper'}
+OPTIONAL = {'rolls', 'complete', 'body', 'lost', 'sliding', 'surroundings'}
+OPTIONAL |= {'model_uncertain', 'model_lower', 'model_upper'}
 
 
 def test_a_document_of_drop_is_read(original):

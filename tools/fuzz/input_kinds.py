@@ -22,7 +22,6 @@ from resting_aspects_ros.feeding.grasps import check_grasps
 from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.conditions import Surfaces
 from resting_aspects_ros.simulation.surroundings import named_surroundings
-from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
 from resting_aspects_ros.studies.points import PointStore
 from resting_aspects_ros.studies.study import read_spec
@@ -133,10 +132,6 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
     result = ra.drop(part, drops=20, seed=1, log=folder / 'logs', workers=1)
     (log,) = (folder / 'logs').rglob('*.mcap')
     slope = ra.drop(part, drops=10, surroundings='slope', workers=1)
-    counted = {'schema_version': 2, 'part': '', 'part_sha256': '', 'drops': 9} | dict.fromkeys(
-        ('unclassified', 'unsettled', 'failed'), 1
-    )
-    counted['aspects'] = [{'id': 1, 'count': 6, 'down_in_part': [0, 0, -1], 'rolls': False}]
     store = folder / 'seed.jsonl'
     points = PointStore(store, {'numpy': '2'})
     points.add('a', 10, np.array([[4, 6]]))
@@ -153,7 +148,9 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
             lambda path: document_result(path, None, None, None, None),
             (result.to_json().encode(), slope.to_json().encode()),
         ),
-        'counted': Kind('counted.json', read_counts, (result.to_json().encode(), _json(counted))),
+        'counted': Kind(
+            'counted.json', read_counts, (result.to_json().encode(), slope.to_json().encode())
+        ),
         'polygon': Kind(
             'polygon.json', read_polygon, (_json(shape), _json({**shape, 'holes': holes}))
         ),
@@ -181,11 +178,6 @@ def csv_kinds(part: ra.Part) -> dict[str, Kind]:
         ),
         'poses': Kind('poses.csv', lambda path: read_pose_csv(path, 1), (poses.encode(),)),
         'states': Kind('states.csv', read_state_csv, (states.encode(),)),
-        'transitions': Kind(
-            'transitions.csv',
-            lambda path: ra.machine_transitions(path, no_actions(aspects)),
-            (b'from,to,count\n1,1,5\n',),
-        ),
     }
 
 

@@ -103,9 +103,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
     add_conditions(parser)
     add_surroundings(parser)
-    parser.add_argument(
-        '--force', action='store_true', help='accept a height that looks like a mistake'
-    )
 
 
 def _is_folder(given: list[str]) -> bool:
