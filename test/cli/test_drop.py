@@ -49,7 +49,7 @@ def test_outputs_of_a_run_agree(run, tmp_path):
 def test_height_in_the_wrong_unit_is_refused(part):
     box = part('box_10x20x30')
     check_height(box, 1.0)
-    with pytest.raises(ra.InvalidValueError, match='invalid height 60 m: .* such as 60mm'):
+    with pytest.raises(ra.InvalidValueError, match=r'invalid height 60 m: .* such as 60mm'):
         check_height(box, 60.0)
 
 

@@ -49,7 +49,7 @@ def made_kinds(folder: Path) -> dict[str, Kind]:
     for name in ('parts/l_bracket.stl', 'surroundings/pocket.stl'):
         shutil.copy(CONFIG / name, folder)
     part = ra.load_part('tetrahedron')
-    return {**yaml_kinds(), **result_kinds(part, folder), **csv_kinds(part), **mesh_kinds()}
+    return {**yaml_kinds(), **result_kinds(part, folder), **csv_kinds(), **mesh_kinds()}
 
 
 def yaml_kinds() -> dict[str, Kind]:
@@ -148,9 +148,7 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
             lambda path: document_result(path, None, None, None, None),
             (result.to_json().encode(), slope.to_json().encode()),
         ),
-        'counted': Kind(
-            'counted.json', read_counts, (result.to_json().encode(), slope.to_json().encode())
-        ),
+        'counted': Kind('counted.json', read_counts, (result.to_json().encode(),)),
         'polygon': Kind(
             'polygon.json', read_polygon, (_json(shape), _json({**shape, 'holes': holes}))
         ),
@@ -159,9 +157,8 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
     }
 
 
-def csv_kinds(part: ra.Part) -> dict[str, Kind]:
+def csv_kinds() -> dict[str, Kind]:
     """Return the kinds of CSV files."""
-    aspects = ra.find_aspects(part)
     poses = 'drop,status,qx,qy,qz,qw\n0,SETTLED,0,0,0,1\n1,FAILED,,,,\n2,settled,0.6,0,0.8,0\n'
     states = 'z_com_m,qx,qy,qz,qw,x_m,vx,wz\n0.1,0,0,0,1,0,0.5,3\n0.2,0,0.6,0,-0.8,1e-2,0,-1\n'
     seen = ('class,count,batch\n1,5,a\n2,7,a\n1,4,b\n', 'time;1;2+3\n10:00;4;6\n10:01;5;7\n')
