@@ -171,8 +171,6 @@ def counts_of(path: Path, document: RunDocument) -> CountedDrops:
             document.failed,
         ),
         down=np.array(down, dtype=np.float64).reshape(-1, 3),
-        part=document.part,
-        part_sha256=document.part_sha256,
         run=run,
         complete=document.complete,
         classes=tuple(aspect.symmetry_class for aspect in aspects),

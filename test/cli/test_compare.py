@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2_contingency
 
 from resting_aspects_ros.api.compare import compare
-from resting_aspects_ros.api.count_files import read_counts
+from resting_aspects_ros.api.counts import read_counts
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import distribution_document, to_json
@@ -120,7 +120,6 @@ def test_accepted_spellings_of_manual_counts(tmp_path, text):
     [
         'batch,class,count\na,1,3\na,2,1\nb,1,2\nb,2,4\n',
         'class\n1\n1\n2\n1\n1\n1\n2\n2\n2\n2\n',
-        'time;class_1;class_2\n8:00;3;1\n8:10;2;4\n',
     ],
 )
 def test_counts_in_batches_are_added_up(tmp_path, text):

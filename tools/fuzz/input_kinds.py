@@ -14,7 +14,7 @@ import resting_aspects_ros as ra
 from fuzz.step_text import step_text
 from resting_aspects_ros.api.classify import read_pose_csv
 from resting_aspects_ros.api.conditions import shipped_surfaces
-from resting_aspects_ros.api.count_files import read_counts, read_observed
+from resting_aspects_ros.api.counts import read_counts, read_observed
 from resting_aspects_ros.api.identify import read_polygon
 from resting_aspects_ros.api.plan import read_state_csv
 from resting_aspects_ros.api.result_json import document_result
@@ -161,7 +161,10 @@ def csv_kinds() -> dict[str, Kind]:
     """Return the kinds of CSV files."""
     poses = 'drop,status,qx,qy,qz,qw\n0,SETTLED,0,0,0,1\n1,FAILED,,,,\n2,settled,0.6,0,0.8,0\n'
     states = 'z_com_m,qx,qy,qz,qw,x_m,vx,wz\n0.1,0,0,0,1,0,0.5,3\n0.2,0,0.6,0,-0.8,1e-2,0,-1\n'
-    seen = ('class,count,batch\n1,5,a\n2,7,a\n1,4,b\n', 'time;1;2+3\n10:00;4;6\n10:01;5;7\n')
+    seen = (
+        'class,count,batch\n1,5,a\n2,7,a\n1,4,b\n',
+        'time;class;count\n10:00;1;4\n10:00;2+3;6\n10:01;1;5\n',
+    )
     return {
         'counts': Kind(
             'counts.csv',

@@ -32,11 +32,10 @@ if TYPE_CHECKING:
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
 simulation. COUNTS counts each newly supplied part once, by the classes of
 aspects that look the same, in the order of time. It is a log of a feeder, a
-folder of such logs, or a CSV file in one of two formats: a column class and a
-column count (without it each row is one part), or one column for each class and
-a row for each batch. A column batch or time separates batches. Count parts that
-lie in no class as unclassified, and classes that a camera confuses together,
-as 3+4. Each window of successive parts is compared with simulated drops by a G
+folder of such logs, or a CSV file with the columns class and count; without
+count each row is one part. A column batch or time separates batches. Count
+parts that lie in no class as unclassified, and classes that a camera confuses
+together, as 3+4. Each window of successive parts is compared with simulated drops by a G
 test. The exit code is 0 with and without drift."""
 EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv
@@ -117,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
         if (value := getattr(arguments, name)) is not None
     }
     from resting_aspects_ros.api.compare import watch_drift
-    from resting_aspects_ros.api.count_files import read_observed
+    from resting_aspects_ros.api.counts import read_observed
     from resting_aspects_ros.aspects.find import find_aspects
     from resting_aspects_ros.statistics.counted_parts import check_weight
     from resting_aspects_ros.statistics.drift import check_level, check_shift, check_windows
@@ -164,8 +163,7 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
         if not result.complete:
             raise StoppedError('interrupted')
         return result
-    from resting_aspects_ros.api.count_files import counted_drops
-    from resting_aspects_ros.api.counts import check_same_part
+    from resting_aspects_ros.api.counts import check_same_part, counted_drops
 
     refuse(arguments, SIMULATION, 'without --expected, whose drops are compared')
     given = counted_drops(arguments.expected)
