@@ -96,16 +96,8 @@ class PartClassification:
 class ClassificationResult(Result):
     """Poses in clusters, and in the aspects of a part if one was given.
 
-    Attributes
-    ----------
-    poses : PoseTable
-        The n settled poses.
-    clusters : Clusters
-        Clusters of the poses by their down directions; ``labels`` (n,) from 1.
-    tolerance : float
-        Of the clusters, rad.
-    by_part : PartClassification or None
-        None without a part.
+    ``clusters`` are those of the n poses by their down directions, with ``labels`` (n,) from 1
+    and the ``tolerance``, rad; ``by_part`` is None without a part.
     """
 
     poses: PoseTable
@@ -158,10 +150,6 @@ def classify(
     tolerance : float
         Poses whose down directions are at most so far apart are in one cluster, and so on from
         each pose to the next: 1 to 30 degrees.
-
-    Returns
-    -------
-    ClassificationResult
 
     Raises
     ------

@@ -61,12 +61,8 @@ SEED = 1
 class ComparisonResult(Result):
     """Two distributions side by side.
 
-    Attributes
-    ----------
-    a, b : CountedDrops
-        The drops that are compared, with their ids of aspects, or of symmetry classes.
-    comparison : Comparison
-        Shares, deviations, bounds and p value; arrays in the order of ``a.ids``.
+    ``comparison`` has shares, deviations, bounds and p value, with arrays in the order of
+    ``a.ids``, which are ids of aspects or of symmetry classes.
     """
 
     a: CountedDrops
@@ -123,10 +119,6 @@ def compare(
     confidence : float
         Confidence of the bounds, which hold for all aspects together: more than 0.5 and less
         than 1.
-
-    Returns
-    -------
-    ComparisonResult
 
     Raises
     ------
@@ -213,21 +205,17 @@ def _fields(given: CountedDrops) -> dict[str, object]:
 class DriftResult(Result):
     """Counted parts beside the simulation, with the test of each window.
 
-    Attributes
-    ----------
-    expected : CountedDrops
+    expected
         The simulated drops by symmetry class.
-    source : str
+    source
         The file of the counted parts.
-    test : DriftTest
+    test
         The windows, their p values, and the deviation of the drifted windows.
-    live : LiveCounts
+    live
         All counted parts with the simulation as the prior.
-    shift : float
-        A deviation of the share of a class.
-    needed : int or None
-        Number of parts in a window that finds this deviation with a probability of 80 %; None if
-        the simulated drops are too few.
+    shift, needed
+        A deviation of the share of a class, and the number of parts in a window that finds it
+        with a probability of 80 %; None if the simulated drops are too few.
     """
 
     expected: CountedDrops
@@ -314,10 +302,6 @@ def watch_drift(
         Weight of the simulated drops in the shares of `DriftResult.live`, in parts.
     confidence : float
         Confidence of the intervals: more than 0.5 and less than 1.
-
-    Returns
-    -------
-    DriftResult
 
     Raises
     ------

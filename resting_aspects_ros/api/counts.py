@@ -77,23 +77,21 @@ MAX_BYTES = 1 << 26
 class CountedDrops:
     """Counts of drops over aspects, with the description of the run if it is known.
 
-    source : str
+    source
         The file, or another name of the drops for messages.
-    groups : tuple of tuples of int
+    groups
         The k groups of ``tally``, ascending: each has the id of an aspect, or with ``by_class``
         the numbers of the symmetry classes that were counted together.
-    by_class : bool
-        Whether the drops are counted by symmetry class.
     down : (k, 3) float
-        Unit vectors of gravity, part frame; NaN where the part rolls. None if not known.
-    run : RunDescription
-        None if not known.
-    classes : tuple of int
-        The symmetry class of each aspect; None if not known.
-    model : ModelRange
-        The model ranges of the groups; None if not known, as for parts that were counted by hand.
-    complete : bool
+        Unit vectors of gravity, part frame; NaN where the part rolls.
+    complete
         False if more drops were requested than are counted.
+    classes
+        The symmetry class of each aspect.
+    model
+        The model ranges of the groups.
+
+    What is not known is None, such as all of these of parts that were counted by hand.
     """
 
     source: str

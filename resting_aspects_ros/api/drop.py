@@ -25,7 +25,6 @@ from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import (
     Consumer,
     Convergence,
-    DropTally,
     Progress,
     Runner,
     StartTally,
@@ -68,31 +67,23 @@ if TYPE_CHECKING:
 class DropResult(Result):
     """The distribution of a run, with the run, its part and its poses.
 
-    Attributes
-    ----------
-    distribution : Distribution
-        Counts, probabilities and intervals over the aspects.
-    run : RunDescription
-        Conditions, seed, engine and versions.
-    part : Part or None
+    part
         None if only its name and hash are known.
-    complete : bool
+    complete
         Whether all drops that were requested are counted.
-    convergence : Convergence or None
+    convergence
         How far the distribution moves with a finer time step, if that was checked.
-    mesh_file : Path or None
+    mesh_file
         The file from which the part was read, if it was given as a file.
-    history : ((m,) int, (m, k) int) or None
+    history : ((m,) int, (m, k) int)
         Numbers of drops, ascending, and the counts of the k aspects after each number.
-    poses : RestingPoses or None
-        The resting poses, if they were kept.
-    log : Path or None
-        The folder of the log of the run, if one was written.
-    by_state : StartTally or None
+    poses, log
+        The resting poses, if they were kept, and the folder of the log, if one was written.
+    by_state
         Counts by initial state, if the initial states were given.
-    contacts : Placements or None
+    contacts
         Counts by what the parts touch, if the surroundings have walls.
-    no_model_range : str
+    no_model_range
         Why the distribution has no model range, if one was requested.
     """
 
@@ -263,10 +254,6 @@ def drop(
     **conditions : float
         Conditions that differ from the surface, in SI units, such as ``height=0.1``.
 
-    Returns
-    -------
-    DropResult
-
     Raises
     ------
     InvalidValueError
@@ -318,7 +305,7 @@ def drop(
         engine=engine,
     )
     if initial_states is not None:
-        by_state = StartTally(planned.empty.aspects, len(initial_states), count)
+        by_state = StartTally(planned.tally.aspects, len(initial_states), count)
     with make_runner(workers, progress, stopped) as runner:
         return make_drops(
             runner,
@@ -378,7 +365,7 @@ def repeat_log(
         confidence=confidence,
         engine=engine,
     )
-    planned = dataclasses.replace(planned, stop_at=0.0)
+    planned.tally.precision = 0.0  # all drops are repeated
     _warn_of_another_engine(run, planned.run)
     for warning in part.warnings:
         warn(warning)
@@ -445,7 +432,7 @@ def make_drops(
     mesh: Path | None = None,
 ) -> DropResult:
     """Make planned drops; see `drop`. With ``check``, repeat them with half the time step."""
-    tally = DropTally(planned.empty, planned.run.drops, planned.stop_at)
+    tally = planned.tally
     chunks: list[RestingPoses] = []
     nothing = RestingPoses.none(planned.run.first_drop)
     kept = [lambda poses, _: chunks.append(poses)] if keep_poses else []
@@ -471,7 +458,7 @@ def make_drops(
         )
 
     with keep_result(result):
-        with recorded(log, part, planned, tally) as (folder, to_log):
+        with recorded(log, part, planned) as (folder, to_log):
             everything = [*counts, *kept, *to_log, *consumers]
             runner.count(planned.job, planned.run, tally, everything)
             if model_range:
@@ -483,7 +470,7 @@ def make_drops(
                 runner, planned.job, planned.run, tally.distribution
             )
     if tally.complete:
-        warn_if_not_precise(tally.distribution, planned.stop_at)
+        warn_if_not_precise(tally.distribution, tally.precision)
     return result()
 
 
@@ -501,7 +488,7 @@ def warn_if_not_precise(distribution: Distribution, precision: float) -> None:
 
 @contextmanager
 def recorded(
-    folder: str | Path | None, part: Part, planned: PlannedDrops, tally: DropTally
+    folder: str | Path | None, part: Part, planned: PlannedDrops
 ) -> Iterator[tuple[Path | None, list[Consumer]]]:
     """Write a log of drops inside the `with`; yields its folder and what consumes the drops.
 
@@ -518,9 +505,9 @@ def recorded(
         yield log.folder, [log.add]
     except BaseException:
         with suppress(LogError):  # the first error is more informative
-            log.close(tally.distribution, planned.contacts)
+            log.close(planned.tally.distribution, planned.contacts)
         raise
-    log.close(tally.distribution, planned.contacts)
+    log.close(planned.tally.distribution, planned.contacts)
 
 
 def read_log(log: str | Path) -> DropResult:

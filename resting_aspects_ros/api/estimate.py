@@ -38,16 +38,12 @@ SEED = 1
 class EstimateResult(Result):
     """Predictions of the methods for a part.
 
-    Attributes
-    ----------
-    part : Part
-    aspects : AspectSet
-        Aspects of the part; probabilities are in their order.
-    estimates : dict of str to Estimate
-        Prediction of each method that is defined for the part, by method.
-    not_defined : dict of str to str
+    estimates
+        Prediction of each method that is defined for the part, by method, in the order of the
+        aspects.
+    not_defined
         Reason why a method is not defined for the part, by method.
-    against : CountedDrops or None
+    against
         Drops with which the methods are compared.
     """
 
@@ -114,10 +110,6 @@ def estimate(
         Names of methods, such as 'csa' or 'rolling'; by default all.
     against : DropResult, str or Path, optional
         Drops of the part to compare with: a result, or a file as for `compare`.
-
-    Returns
-    -------
-    EstimateResult
 
     Raises
     ------

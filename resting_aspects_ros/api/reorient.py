@@ -503,7 +503,7 @@ class PlannedReorient:
     @property
     def aspects(self) -> AspectSet:
         """The aspects of the part that are counted."""
-        return self.dropping.empty.aspects
+        return self.dropping.tally.aspects
 
     def make(self, runner: Runner, *, check: bool = False) -> list[ReorientResult]:
         """Make the drops and the actions; with ``check``, repeat these with half the time step."""

@@ -17,6 +17,6 @@ def test_drift_does_not_change_the_exit_code(run, tmp_path):
     assert ended.returncode == 0, ended.stderr
     assert ' '.join(ended.stdout.split()).startswith(
         'Class 2 is seen in 45 % instead of 28 % (+17 points, 95 % interval +12 to +22) since '
-        'part 801.'
+        'part 801 (4).'
     )
     assert ended.stdout.count('alarm\n') == 3

@@ -10,7 +10,7 @@ from doc_pages import ROOT, code, first_cells, section
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.counts import read_counts
-from resting_aspects_ros.api.plan import NEEDED, OPTIONAL
+from resting_aspects_ros.api.plan import COLUMNS
 from resting_aspects_ros.api.result import POSES_HEADER
 from resting_aspects_ros.cli import life_cycle
 from resting_aspects_ros.part.library import EXPECTED
@@ -60,7 +60,7 @@ def test_every_name_is_listed(surfaces):
         (kinds,) = re.findall(r'^\| `kind` \| (.*?) \|', section(FILES, heading), re.MULTILINE)
         assert kinds.split(', ') == list(known)
     assert keys(FILES, '## Part description') == list(EXPECTED)
-    assert sorted(keys(FILES, '## Initial states')) == sorted([*NEEDED, *OPTIONAL])
+    assert sorted(keys(FILES, '## Initial states')) == sorted(COLUMNS)
     assert keys(FILES, '## Poses') == list(POSES_HEADER)
     assert keys(FILES, '## Surroundings', 1) == list(BODY_VALUES)
     assert keys(FILES, '## Surroundings', 2) == list(RELEASE_VALUES)
