@@ -36,37 +36,28 @@ def read_input(
 ) -> bytes:
     """Return the content of a regular file of at most ``max_bytes``.
 
-    The type and the size are checked before the file is opened, because opening a pipe blocks
-    until a writer appears and reading a device may never end.
-
-    Parameters
-    ----------
-    path : Path
-        A regular file or a link to one.
-    max_bytes : int
-    what : str
-        Kind of file for the error message, such as 'mesh' or 'surfaces file'.
-    error : type
-        Exception class; raised with a single line that names the file if the file does not exist,
-        is a folder, a pipe, a device or a socket, is too large, or cannot be read.
+    The type is checked before the file is opened, because opening a pipe blocks until a writer
+    appears and reading a device may never end. Raises ``error`` with a single line that names
+    ``what`` the file is, such as 'mesh', and its path, if it does not exist, is no regular file,
+    is too large, or cannot be read.
     """
     label = named(what, path)
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            kind = 'a folder' if stat.S_ISDIR(status.st_mode) else 'a pipe, a device or a socket'
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode):
+            kind = 'a folder' if stat.S_ISDIR(mode) else 'a pipe, a device or a socket'
             raise error(f'{label} is {kind}: expected a regular file')
-        if status.st_size <= max_bytes:
-            with path.open('rb') as file:
-                data = file.read(max_bytes + 1)
-            if len(data) <= max_bytes:
-                return data
+        with path.open('rb') as file:
+            data = file.read(max_bytes + 1)
     except FileNotFoundError:
         raise error(f'{label} does not exist') from None
     except (OSError, ValueError) as cause:  # ValueError: a path with a null byte
         reason = getattr(cause, 'strerror', None) or one_line(str(cause))
         raise error(f'{label} cannot be read: {reason}') from None
-    raise error(f'{label} is too large: expected at most {_size(max_bytes)}')
+    if len(data) > max_bytes:
+        size = f'{max_bytes >> 20} MiB' if max_bytes >= 1 << 20 else f'{max_bytes >> 10} KiB'
+        raise error(f'{label} is too large: expected at most {size}')
+    return data
 
 
 def is_file(path: Path) -> bool:
@@ -92,10 +83,6 @@ def printable(name: str) -> str:
 def is_printable(name: str) -> bool:
     """Return whether a file name is valid UTF-8."""
     return printable(name) == name
-
-
-def _size(count: int) -> str:
-    return f'{count >> 20} MiB' if count >= 1 << 20 else f'{count >> 10} KiB'
 
 
 # -- YAML -----------------------------------------------------------------------------------------
@@ -242,20 +229,11 @@ def validated(
     expected: Mapping[str, str] | None = None,
     error: type[RestingAspectsError] = InvalidValueError,
 ) -> Model:
-    """Return a document as an instance of a model.
+    """Return a document as an instance of a model of pydantic.
 
-    Parameters
-    ----------
-    model : type
-        A model of pydantic.
-    document : mapping
-    label : str
-        The file, or the entry in it, for messages; empty if the caller adds it.
-    expected : mapping of str to str, optional
-        What is expected of a field, by its name, instead of the description by pydantic.
-    error : type
-        Exception class; raised with a single line that names the label, the first invalid field,
-        its value and what was expected.
+    Raises ``error`` with a single line that names the label (the file, or the entry in it; empty
+    if the caller adds it), the first invalid field, its value and what was expected: that in
+    ``expected`` by the name of the field, or the description by pydantic.
     """
     where = f' in {label}' if label else ''
     fields: Any = getattr(model, 'model_fields', None) or model.__fields__

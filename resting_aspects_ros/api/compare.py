@@ -30,7 +30,6 @@ from resting_aspects_ros.report.drift import drift_fields, drift_sentence
 from resting_aspects_ros.statistics import comparison as statistics
 from resting_aspects_ros.statistics.comparison import UNIT, batch_scatter, square_and_add
 from resting_aspects_ros.statistics.counted_parts import (
-    PRIOR_WEIGHT,
     LiveCounts,
     ObservedCounts,
 )
@@ -272,7 +271,6 @@ def watch_drift(
     window: int | None = None,
     level: float = LEVEL,
     shift: float = SHIFT,
-    prior_weight: float = PRIOR_WEIGHT,
     confidence: float = CONFIDENCE,
 ) -> DriftResult:
     """Test whether counted parts still have the shares of the simulation.
@@ -298,8 +296,6 @@ def watch_drift(
         Probability of an alarm in a window without drift, 0.0001 to 0.25.
     shift : float
         The deviation of a class that should be found, 0.0001 to 0.4.
-    prior_weight : float
-        Weight of the simulated drops in the shares of `DriftResult.live`, in parts.
     confidence : float
         Confidence of the intervals: more than 0.5 and less than 1.
 
@@ -331,7 +327,7 @@ def watch_drift(
     groups = common_groups(simulated.groups, observed.groups)
     simulated, observed = simulated.grouped(groups), observed.grouped(groups)
     drops = simulated.tally.counts
-    live = LiveCounts(simulated.ids, drops, observed.totals, prior_weight)
+    live = LiveCounts(simulated.ids, drops, observed.totals)
     needed = _needed(drops, observed, shift, level)
     if window is None and needed is None:
         warn(

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.support import ContactFinder, ContactPlane
@@ -24,6 +24,7 @@ from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
 from resting_aspects_ros.rotations import rotate
+from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
     UNCERTAINTY,
@@ -43,10 +44,6 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     tray_from_scene,
 )
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.simulation.actions import Actions
-
 
 # -- Conditions -----------------------------------------------------------------------------------
 
@@ -73,11 +70,8 @@ def given_conditions(surface: str | DropConditions, changes: Mapping[str, Any]) 
 
 
 @functools.cache
-def shipped_actions() -> 'Actions':
+def shipped_actions() -> Actions:
     """Return the actions of config/actions.yaml; the file is read once."""
-    # This import is slow because of NumPy, which --help does not need.
-    from resting_aspects_ros.simulation.actions import Actions
-
     return Actions(actions_file())
 
 
@@ -101,8 +95,7 @@ def surface_entry(
 ) -> str:
     """Return an entry for a surfaces file, such as config/surfaces.yaml.
 
-    source : where the values come from; samples : equally probable values of the conditions that
-    are not known exactly
+    ``samples`` are equally probable values of the conditions that are not known exactly.
     """
     entry: dict[str, Any] = {key: getattr(conditions, key) for key in QUANTITIES}
     entry |= {'height_of': conditions.height_of.name, 'source': ' '.join(source.split())}

@@ -222,11 +222,8 @@ def check_counts(given: CountedDrops) -> None:
 def check_same_part(one: tuple[str, str, str], other: tuple[str, str, str]) -> None:
     """Raise InvalidValueError if two results are known to be of different parts.
 
-    Parameters
-    ----------
-    one, other : (str, str, str)
-        The result as messages name it, the name of its part, and its part_sha256; the latter two
-        are empty if they are not known.
+    Each is given as messages name it, with the name of its part and its part_sha256, which are
+    empty if they are not known.
     """
     (result, name, digest), (second, other_name, other_digest) = one, other
     if not digest or not other_digest or digest == other_digest:
@@ -308,18 +305,8 @@ def read_counts(path: Path) -> CountedDrops:
 def read_observed(path: Path, ids: Sequence[int], part: str = '') -> ObservedCounts:
     """Read counts of parts by symmetry class, in batches, from a log of a feeder or a CSV.
 
-    Parameters
-    ----------
-    path : Path
-    ids : sequence of int
-        Numbers of all symmetry classes of the part.
-    part : str
-        Name of the part, which a log states with the counts; empty: the log has those of one part.
-
-    Raises
-    ------
-    InvalidValueError
-        Names file, line and column, and states what was expected.
+    ``ids`` are the numbers of all symmetry classes of the part. A log states the name of the part
+    with the counts; without ``part`` it has those of one part. Raises InvalidValueError.
     """
     if is_log(path):
         # ROS is imported only for a log.
@@ -340,18 +327,16 @@ def counts_from_array(
     Raises InvalidValueError unless these are integers from 0 to MAX_COUNTED.
     """
     try:
-        given = np.asarray(counts)
-        with np.errstate(invalid='ignore'):  # the conversion of nan
-            rows = given.astype(np.int64)
-        fits = bool((rows == given).all() and (rows >= 0).all() and (rows <= MAX_COUNTED).all())
+        rows = np.asarray(counts, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        fits, rows = False, np.zeros((0, 0), dtype=np.int64)
-    if not fits or rows.ndim != 2 or rows.shape[1] != len(groups):
+        rows = np.zeros(0)
+    fits = (rows >= 0) & (rows <= MAX_COUNTED) & (rows == np.floor(rows))
+    if rows.ndim != 2 or rows.shape[1] != len(groups) or not fits.all():
         raise InvalidValueError(
             f'invalid {what} {shown(counts)}: expected rows of {len(groups)} integers from 0 to '
             f'{MAX_COUNTED}, one for each class'
         )
-    observed = ObservedCounts.of_rows(rows, what, groups)
+    observed = ObservedCounts.of_rows(rows.astype(np.int64), what, groups)
     check_parts(observed)
     return observed
 

@@ -321,18 +321,8 @@ def drop(
         )
 
 
-@dataclass(frozen=True)
-class LoggedDrops:
-    """The part and the run of a log, and the range [first, end) of the drops that it has."""
-
-    part: Part
-    run: RunDescription
-    first: int
-    end: int
-
-
 def repeat_log(
-    log: str | Path | LoggedDrops,
+    log: str | Path | tuple[Part, RunDescription],
     *,
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
@@ -351,15 +341,14 @@ def repeat_log(
     folder of a run, its .mcap file, or what `logged_drops` returned; the other arguments and the
     errors are those of `drop`.
     """
-    logged = log if isinstance(log, LoggedDrops) else logged_drops(log)
-    part, run = logged.part, logged.run
+    part, run = log if isinstance(log, tuple) else logged_drops(log)
     known = shipped_surfaces().recorded_uncertainty(run.conditions)
     planned = plan_drops(
         part,
         dataclasses.replace(run.conditions, uncertainty=known or ()),
-        drops=logged.end - logged.first,
+        drops=run.drops,
         seed=run.seed,
-        first_drop=logged.first,
+        first_drop=run.first_drop,
         precision=run.precision,
         interval=interval,
         confidence=confidence,
@@ -384,8 +373,8 @@ def repeat_log(
     return result
 
 
-def logged_drops(log: str | Path) -> LoggedDrops:
-    """Return the drops that can be repeated of a log; raises InvalidValueError. Imports ROS."""
+def logged_drops(log: str | Path) -> tuple[Part, RunDescription]:
+    """Return the part of a log, and the run of exactly the drops in it; InvalidValueError."""
     # This imports ROS, which is not needed without a log.
     from resting_aspects_ros.run_logs.contents import read_logged_run
 
@@ -402,7 +391,7 @@ def logged_drops(log: str | Path) -> LoggedDrops:
         )
     logged.warn_if_unfinished()
     assert logged.known_run is not None
-    return LoggedDrops(part, logged.known_run, first, end)
+    return part, dataclasses.replace(logged.known_run, first_drop=first, drops=end - first)
 
 
 def _warn_of_another_engine(before: RunDescription, now: RunDescription) -> None:
@@ -511,26 +500,10 @@ def recorded(
 
 
 def read_log(log: str | Path) -> DropResult:
-    """Read a log of a run, and count its drops.
+    """Read a log, the folder of a run or its .mcap file, and count its drops; imports ROS.
 
-    Imports ROS, which the rest of the Python interface does not need.
-
-    Parameters
-    ----------
-    log : str or Path
-        The folder of a run, or its .mcap file.
-
-    Returns
-    -------
-    DropResult
-        The result; ``poses`` is None if the log does not have all drops.
-
-    Raises
-    ------
-    LogError
-        The log cannot be read.
-    InvalidValueError
-        The file is not a log of a run with its part.
+    ``poses`` of the result is None if the log does not have all drops. Raises LogError if the log
+    cannot be read, and InvalidValueError if it has no run with its part.
     """
     from resting_aspects_ros.run_logs.contents import logged_result
 

@@ -88,14 +88,9 @@ class ShownProgress(TerminalDisplay):
 
 
 class DropProgress(ShownProgress):
-    """Progress display of drops and drops per second.
+    """Progress display of drops, or what ``unit`` is, and their rate.
 
-    unit : str
-        What is counted: drops, or actions.
-    done : int
-        Drops made so far.
-    shown : bool or callable
-        False to count without display; a function is called instead of a display.
+    ``done`` are made so far. A function as ``shown`` is called instead of a display.
     """
 
     def __init__(
@@ -179,13 +174,7 @@ class Tally(Protocol):
 
 @dataclass(frozen=True)
 class Runner:
-    """Workers, and how a run reports its progress and is stopped.
-
-    progress : bool or callable
-        Show progress on standard error, or call this often with the numbers done and in total.
-    stopped : callable
-        Called often; a run ends early when it returns True.
-    """
+    """Workers, and how a run reports its progress and is stopped; see `drop`."""
 
     workers: Workers
     progress: Progress = False
@@ -262,14 +251,8 @@ def keep_result(result: Callable[[], Any]) -> Iterator[None]:
 class DropTally:
     """Counts of drops by aspect, and how they developed.
 
-    Parameters
-    ----------
-    empty : Distribution
-        Without drops.
-    drops : int
-        Maximum number of drops.
-    precision : float
-        Maximum half width of the intervals at which the run stops; 0: make all drops.
+    ``drops`` is the maximum number of drops, and ``precision`` the maximum half width of the
+    intervals at which the run stops; 0: after all drops.
     """
 
     def __init__(self, empty: Distribution, drops: int, precision: float = 0.0) -> None:
@@ -294,13 +277,11 @@ class DropTally:
 
 
 class StartTally:
-    """Counts of parts by their start and where they end: part i has the start i mod n.
+    """Counts of ``number`` parts by their start and where they end: part i has the start i mod n.
 
     counts : (n, k + 4) int
         Parts of each start that ended in each of the k aspects, by id from 1, and then in each of
-        unclassified, unsettled, failed, lost.
-    number : int
-        Number of all parts.
+        OUTCOMES.
     """
 
     def __init__(self, aspects: AspectSet, starts: int, number: int) -> None:
@@ -331,16 +312,8 @@ class StartTally:
 class TransitionTally(StartTally):
     """Counts of actions by aspect before and after: action i is on a part in ``ids[i mod k]``.
 
-    Parameters
-    ----------
-    empty : TransitionMatrix
-        Matrix without actions.
-    actions : int
-        Maximum number of actions from all aspects together.
-    precision : float
-        Maximum half width of all intervals of the matrix at which the run stops; 0: never.
-    ids : sequence of int, optional
-        The k aspects from which actions start; by default all.
+    ``actions`` is the maximum number from the k aspects ``ids`` together (by default all), and
+    ``precision`` the maximum half width of all intervals at which the run stops; 0: never.
     """
 
     def __init__(

@@ -111,7 +111,7 @@ def _requested(
     if arguments.from_log is not None:
         refuse(arguments, _OF_A_LOG, 'without --from-log, which defines it', 'PART_OR_MESH')
         logged = logged_drops(arguments.from_log)
-        return partial(repeat_log, logged, **options), logged.part.name
+        return partial(repeat_log, logged, **options), logged[0].name
     if arguments.part is None:
         raise InvalidValueError(
             'missing part: expected a name, a mesh file, or --from-log (see --help)'

@@ -93,7 +93,7 @@ def test_wrong_arrays_are_named(rows):
 
 
 def test_drift_is_found_and_named(expected):
-    result = watch_drift(expected, [GOOD] * 3 + [BAD] * 3, window=200, prior_weight=100)
+    result = watch_drift(expected, [GOOD] * 3 + [BAD] * 3, window=200)
     assert result.verdict == (
         'Class 2 is seen in 45 % instead of 28 % (+17 points, 95 % interval +12 to +22) since '
         'part 601.'
@@ -108,7 +108,7 @@ def test_drift_is_found_and_named(expected):
     assert [row['alarm'] for row in document['windows']] == [False] * 3 + [True] * 3
     assert [row['counts'] for row in document['windows']] == [GOOD] * 3 + [BAD] * 3
     assert sum(row['probability'] for row in document['classes']) == pytest.approx(1)
-    assert sum(row['concentration'] for row in document['classes']) == pytest.approx(1300)
+    assert sum(row['concentration'] for row in document['classes']) == pytest.approx(1260)
 
 
 def test_past_drift_is_a_window(expected):
@@ -157,7 +157,6 @@ def test_few_drops_give_a_warning(tmp_path):
     ('counts', 'options', 'message'),
     [
         ([GOOD], {'window': 0}, 'invalid window 0: expected an integer'),
-        ([GOOD], {'prior_weight': 0}, 'invalid prior weight 0'),
         (counts_from_array([[1, 2, 3]], CLASSES), {}, r'invalid classes \[1, 2, 3, 4, 5\] in '),
     ],
 )

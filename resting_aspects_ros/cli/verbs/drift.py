@@ -90,11 +90,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_share(parser, '--level', 'A', 'probability of a false alarm in each window (0.01)')
     add_integer(
         parser,
-        '--prior-weight',
-        'weight of the simulated drops in the shares of all parts, as a number of parts (60)',
-    )
-    add_integer(
-        parser,
         '--drops',
         f'number of simulated drops ({DEFAULT_DROPS}); their sampling error is taken into account',
     )
@@ -112,13 +107,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate, test and show; returns the exit code. Raises RestingAspectsError."""
     options: dict[str, Any] = {
         name: value
-        for name in ('confidence', 'shift', 'level', 'window', 'prior_weight')
+        for name in ('confidence', 'shift', 'level', 'window')
         if (value := getattr(arguments, name)) is not None
     }
     from resting_aspects_ros.api.compare import watch_drift
     from resting_aspects_ros.api.counts import read_observed
     from resting_aspects_ros.aspects.find import find_aspects
-    from resting_aspects_ros.statistics.counted_parts import check_weight
     from resting_aspects_ros.statistics.drift import check_level, check_shift, check_windows
     from resting_aspects_ros.statistics.intervals import check_confidence
 
@@ -132,7 +126,6 @@ def run(arguments: argparse.Namespace) -> int:
         'confidence': check_confidence,
         'shift': check_shift,
         'level': check_level,
-        'prior_weight': check_weight,
     }
     for name in checks.keys() & options.keys():
         checks[name](options[name])
