@@ -46,11 +46,6 @@ def parse_group(text: str) -> tuple[int, ...] | None:
     return tuple(numbers) if len(set(numbers)) == len(numbers) else None
 
 
-def group_name(group: Sequence[int]) -> str:
-    """Return '3+4'."""
-    return '+'.join(map(str, group))
-
-
 def single_groups(ids: Iterable[int]) -> Groups:
     """Return groups of one class each."""
     return tuple((number,) for number in ids)
@@ -127,7 +122,7 @@ class CountedDrops:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the groups, such as '3+4' for classes that were counted together."""
-        return tuple(map(group_name, self.groups))
+        return tuple('+'.join(map(str, group)) for group in self.groups)
 
     @property
     def drops(self) -> int:

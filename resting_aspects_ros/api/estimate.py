@@ -53,25 +53,19 @@ class EstimateResult(Result):
     not_defined: Mapping[str, str]
     against: 'CountedDrops | None' = None
 
-    def counted(self, *, by_class: bool) -> DropCounts | None:
-        """Return the drops of ``against`` by symmetry class or by aspect; None without them."""
-        if self.against is None:
-            return None
+    def comparisons(self, *, by_class: bool) -> tuple[DropCounts, dict[str, Comparison]]:
+        """Return the drops of ``against``, and their comparison with each method.
+
+        They are by symmetry class, or by aspect if ``against`` counts aspects.
+        """
+        assert self.against is not None
         from resting_aspects_ros.api.counts import counted_by_class
 
-        if by_class or self.against.by_class:
-            return counted_by_class(self.against, self.aspects).tally
-        return self.against.tally
-
-    def comparisons(self, *, by_class: bool) -> dict[str, Comparison]:
-        """Return the comparison of the drops of ``against`` with each method."""
-        counted = self.counted(by_class=by_class)
-        if counted is None or self.against is None:
-            return {}
         by_class = by_class or self.against.by_class
-        return {
+        counted = counted_by_class(self.against, self.aspects) if by_class else self.against
+        return counted.tally, {
             name: compare_with_exact(
-                counted,
+                counted.tally,
                 each.class_probabilities() if by_class else each.probabilities,
                 np.random.default_rng(SEED),
             )
@@ -81,13 +75,10 @@ class EstimateResult(Result):
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects estimate --json` prints."""
         document = estimate_document(self.part, self.estimates, self.not_defined)
-        if (counted := self.counted(by_class=False)) is not None and self.against is not None:
-            document['against'] = against_fields(
-                self.against.source,
-                counted,
-                self.comparisons(by_class=False),
-                by_class=self.against.by_class,
-            )
+        if self.against is not None:
+            counted, found = self.comparisons(by_class=False)
+            source, by_class = self.against.source, self.against.by_class
+            document['against'] = against_fields(source, counted, found, by_class=by_class)
         return document
 
 

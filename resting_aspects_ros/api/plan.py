@@ -179,10 +179,7 @@ def plan_drops(
 
     See plan_run for ``starts`` and ``engine``.
     """
-    check_interval_method(interval)
-    check_confidence(confidence)
-    if precision:
-        check_precision(precision)
+    _check_intervals(precision, interval, confidence)
     landscape = Landscape(part)
     scene = scene_of(part, conditions)
     aspects = aspects_in(scene, find_aspects(part, landscape))
@@ -283,10 +280,7 @@ def check_actions(
     Raises InvalidValueError. Actions in surroundings are checked before the drops from which they
     start; see plan_actions for the parameters.
     """
-    check_interval_method(interval)
-    check_confidence(confidence)
-    if precision:
-        check_precision(precision)
+    _check_intervals(precision, interval, confidence)
     scene = scene_of(part, conditions)
     action.action.check(action.name, scene)
     aspects = aspects_in(scene, find_aspects(part, landscape))
@@ -298,6 +292,13 @@ def check_actions(
         per_aspect = drops_for(precision, per_aspect or limit, columns, interval, confidence)
     check_integer('number of actions per aspect', per_aspect, 1, limit)
     return scene, aspects, per_aspect
+
+
+def _check_intervals(precision: float, interval: str, confidence: float) -> None:
+    check_interval_method(interval)
+    check_confidence(confidence)
+    if precision:
+        check_precision(precision)
 
 
 def check_speed(part: Part, action: NamedAction, job: DropJob) -> None:

@@ -261,26 +261,21 @@ def _part(
     body: int | str | None,
 ) -> Part:
     """Return the part of the document; raises InvalidValueError if it is not found."""
-    if text is not None:
-        part = load_part(text, unit, parts, body)
-        check_same_part(
-            (f'--part {text!r}', part.name, part.part_sha256),
-            (repr(str(path)), document.part, document.part_sha256),
-        )
-        return part
+    if text is None and document.mesh_file is not None:
+        text, parts = document.mesh_file, None
+        unit, body = unit or document.unit, body or document.body
+    name = document.part if text is None else text
     try:
-        if document.mesh_file is None:
-            part = load_part(document.part, unit, parts, body)
-        else:
-            unit, body = unit or document.unit, body or document.body
-            part = load_part(document.mesh_file, unit, None, body)
+        part = load_part(name, unit, parts, body)
     except RestingAspectsError as error:
-        why = str(error)
-    else:
-        if part.part_sha256 == document.part_sha256:
-            return part
-        why = f'{part.name!r} has changed since it was dropped'
-    raise InvalidValueError(f'the part of {file_text(path)}: {why}; name the part with --part')
+        raise InvalidValueError(
+            f'the part of {file_text(path)} is not found: {error}; name it with --part'
+        ) from None
+    check_same_part(
+        (f'part {name!r}', part.name, part.part_sha256),
+        (repr(str(path)), document.part, document.part_sha256),
+    )
+    return part
 
 
 def _history(path: Path, document: RunDocument, last: Counts) -> tuple[Counts, Counts] | None:

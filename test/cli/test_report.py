@@ -80,7 +80,7 @@ def test_report_finds_the_mesh_file_again(run, tmp_path):
     (tmp_path / 'mine' / 'corner.stl').rename(tmp_path / 'corner.stl')
     ended = run('report', 'o/distribution.json', '--out', 'without')
     assert ended.returncode == 2
-    assert 'name the part with --part' in ended.stderr
+    assert 'name it with --part' in ended.stderr
     words = ('report', 'o/distribution.json', '--part', 'corner.stl', '--unit', 'in')
     assert page_of(run(*words), tmp_path)[1] == page
 
