@@ -80,11 +80,6 @@ def printable(name: str) -> str:
     return name.encode('utf-8', 'backslashreplace').decode('utf-8')
 
 
-def is_printable(name: str) -> bool:
-    """Return whether a file name is valid UTF-8."""
-    return printable(name) == name
-
-
 # -- YAML -----------------------------------------------------------------------------------------
 
 

@@ -23,7 +23,6 @@ from resting_aspects_ros.errors import (
 from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
-from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
@@ -33,15 +32,10 @@ from resting_aspects_ros.simulation.conditions import (
     actions_file,
     all_surfaces,
 )
-from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Scene, make_scene
+from resting_aspects_ros.simulation.scene import MeshBody, Scene, make_scene
 from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     named_surroundings,
-)
-from resting_aspects_ros.simulation.surroundings_kinds import (
-    NO_CONTACT,
-    MeshSurface,
-    tray_from_scene,
 )
 from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution
 
@@ -159,20 +153,6 @@ def with_surroundings(
 def scene_of(part: Part, conditions: DropConditions) -> Scene:
     """Return the surroundings of drops of a part, of which a level plane is the simplest."""
     return make_scene(conditions, part.hull_radius)
-
-
-def has_level_floor(conditions: DropConditions) -> bool:
-    """Return whether parts lie on a level plane; False if the surroundings are a mesh."""
-    if conditions.surroundings is None:
-        return True
-    shape = conditions.surroundings.shape
-    if isinstance(shape, MeshSurface):
-        return False
-    floor = shape.bodies(dict.fromkeys(shape.body_names, NO_CONTACT))[0]
-    if not isinstance(floor, HalfSpace | Block):
-        return False
-    up = rotate(tray_from_scene(*shape.tilt), floor.normal)
-    return bool(up[2] > 1 - 1e-9)
 
 
 def aspects_in(scene: Scene, aspects: AspectSet) -> AspectSet:

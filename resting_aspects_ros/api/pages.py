@@ -11,7 +11,6 @@ from resting_aspects_ros.api.conditions import (
     condition_facts,
     conditions_text,
     contact_planes,
-    has_level_floor,
     outcome_hints,
     scene_of,
     simulated_shapes,
@@ -123,7 +122,7 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
         facts=_facts(result),
         history=result.history,
         range_text=result.range_text,
-        level_floor=has_level_floor(result.run.conditions),
+        level_floor=level,
         **more,
     )
 

@@ -42,7 +42,9 @@ from resting_aspects_ros.statistics.model_range import ModelRange
 if TYPE_CHECKING:
     Seed: TypeAlias = int
     Numbering: TypeAlias = int
+    Condition: TypeAlias = str
 else:
+    Condition = Literal[tuple(QUANTITIES)]
     Seed = conint(strict=True, ge=0, le=MAX_SEED)
     Numbering = Literal[ASPECT_NUMBERING]
 _conditions: dict[str, Any] = dict.fromkeys(QUANTITIES, (Number, ...))
@@ -117,7 +119,7 @@ class RunDocument(BaseModel):
     body: StrictInt | None = None
     unit: StrictStr | None = None
     history: list[HistoryRow] = []
-    model_uncertain: tuple[StrictStr, ...] | None = None
+    model_uncertain: tuple[Condition, ...] | None = None
     no_model_range: StrictStr | None = None
     classes: Sequence[CountedClass] = ()
     convergence: Convergence | None = None
@@ -198,11 +200,11 @@ def _model(
         raise InvalidValueError(
             f'{str(path)!r}: invalid model range: expected bounds of each aspect and class'
         )
-    uncertain = document.model_uncertain
-    if unknown := set(uncertain) - set(QUANTITIES):
-        raise invalid_field(path, 'model_uncertain', min(unknown), 'conditions')
     return ModelRange(
-        bounds[: len(aspects)], bounds[len(aspects) :], uncertain, document.confidence
+        bounds[: len(aspects)],
+        bounds[len(aspects) :],
+        document.model_uncertain,
+        document.confidence,
     )
 
 

@@ -17,7 +17,6 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 from rich.console import Console
-from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
 from rich.progress import Progress as ProgressBar
 
@@ -50,28 +49,15 @@ from resting_aspects_ros.system import available_cores
 # -- Progress -------------------------------------------------------------------------------------
 
 
-Self = TypeVar('Self', bound='TerminalDisplay')  # typing.Self is newer than Python 3.10
+Self = TypeVar('Self', bound='ShownProgress')  # typing.Self is newer than Python 3.10
 LINE_PERIOD = 1.0  # s
 # Whether progress is shown on standard error; or a function that is called often with the numbers
 # done and in total.
 Progress = bool | Callable[[int, int], None]
 
 
-class TerminalDisplay:
-    """Context manager of a moving display on standard error, which ends with it."""
-
-    _moving: ProgressBar | Live | None = None  # None if standard error is not a terminal
-
-    def __enter__(self: Self) -> Self:  # noqa: PYI019
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._moving is not None:
-            self._moving.stop()
-
-
-class ShownProgress(TerminalDisplay):
-    """Progress bar on standard error; no bar if that is not a terminal."""
+class ShownProgress:
+    """Context manager of a progress bar on standard error; no bar if that is not a terminal."""
 
     def __init__(
         self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
@@ -81,10 +67,15 @@ class ShownProgress(TerminalDisplay):
             text = TextColumn('{task.fields[text]}', markup=False)
             title = TextColumn('{task.description}', markup=False)
             console = Console(stderr=True)
-            self._moving = self._bar = ProgressBar(
-                title, BarColumn(), *columns, text, console=console
-            )
+            self._bar = ProgressBar(title, BarColumn(), *columns, text, console=console)
             self._task = self._bar.add_task(what, total=total, text='')
+
+    def __enter__(self: Self) -> Self:  # noqa: PYI019
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
 
 
 class DropProgress(ShownProgress):

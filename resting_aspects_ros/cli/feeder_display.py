@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from resting_aspects_ros.api.runner import TerminalDisplay
 from resting_aspects_ros.cli.life_cycle import save_text
 from resting_aspects_ros.cli.node_processes import log_of
 from resting_aspects_ros.errors import RestingAspectsError
@@ -107,14 +106,21 @@ def feeder_sentence(view: FeederView, seconds: float) -> str:
     return f'{text}; this run lies {"within" if inside else "outside"} that interval.\n{SHARED}'
 
 
-class FeederDisplay(TerminalDisplay):
-    """Shows the state of a feeder while it runs."""
+class FeederDisplay:
+    """Context manager that shows the state of a feeder while it runs."""
 
     def __init__(self) -> None:
         self._live: Live | None = None
         if sys.stderr.isatty():
-            self._moving = self._live = Live(console=Console(stderr=True), auto_refresh=False)
+            self._live = Live(console=Console(stderr=True), auto_refresh=False)
         self._lines = 1
+
+    def __enter__(self) -> 'FeederDisplay':  # noqa: PYI034 - Self is newer than Python 3.10
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
 
     def show(self, view: FeederView) -> None:
         """Update what is shown; call it often."""

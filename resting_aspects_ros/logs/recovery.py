@@ -15,7 +15,7 @@ from mcap.records import Attachment, Channel
 from mcap.writer import Writer
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.input_files import is_printable, named, parse_yaml
+from resting_aspects_ros.input_files import named, parse_yaml, printable
 from resting_aspects_ros.logs.bag import (
     BagMetadata,
     is_compressed,
@@ -76,7 +76,7 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
         )
     with ExitStack() as stack:
         file = McapFile(path, stack)
-        if not is_printable(path.name):
+        if printable(path.name) != path.name:
             raise LogError(
                 f'{named("log", path)} cannot be recovered: expected a file name in UTF-8, '
                 'because the metadata contain it'

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from resting_aspects_ros.cli.options import add_ros_args
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.input_files import is_printable, parse_quantity
+from resting_aspects_ros.input_files import parse_quantity, printable
 
 DESCRIPTION = """Publish the messages of a log on the topics of the suite, with the recorded
 QoS, bytes and pauses, so that a controller can be developed without drops.
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until a signal stops it; returns the exit code."""
-    if not is_printable(str(arguments.log)):
+    if printable(str(arguments.log)) != str(arguments.log):
         raise InvalidValueError(
             f'invalid log {str(arguments.log)!r}: expected a name in UTF-8, as ROS requires'
         )

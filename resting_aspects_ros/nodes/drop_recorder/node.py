@@ -20,7 +20,7 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
-from resting_aspects_ros.input_files import is_printable
+from resting_aspects_ros.input_files import printable
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, POSES_TYPE, Topic
 from resting_aspects_ros.nodes.drop_recorder.feeder_recorder import FeederRecorder
 from resting_aspects_ros.ros.callbacks import WorkTimer, guarded_task, subscribe
@@ -76,7 +76,7 @@ def absolute_folder(path: str) -> Path:
             f'invalid log_folder {path!r}: expected an absolute path, because the working folder '
             'no longer exists'
         ) from None
-    if not is_printable(str(folder)):
+    if printable(str(folder)) != str(folder):
         raise InvalidValueError(
             f'invalid log_folder {str(folder)!r}: expected UTF-8 text, as ROS messages require'
         )
