@@ -147,7 +147,8 @@ def compare(
         into = common_groups(one.groups, other.groups)
         one, other = one.grouped(into), other.grouped(into)
     for given in (one, other):
-        _warn_if_incomplete(given)
+        if not given.complete:
+            warn(f'{given.source!r} is not complete: it has {given.drops} drops')
     _warn_if_dependent(one, other)
     generator = np.random.default_rng(SEED)
     found = statistics.compare(one.tally, other.tally, generator, confidence)
@@ -166,11 +167,6 @@ def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:
             f'{shown(b.members)} (what was never seen has count 0; what looks the same is counted '
             'in a column class instead of aspect)'
         )
-
-
-def _warn_if_incomplete(given: CountedDrops) -> None:
-    if not given.complete:
-        warn(f'{given.source!r} is not complete: it has {given.drops} drops')
 
 
 def _warn_if_dependent(a: CountedDrops, b: CountedDrops) -> None:

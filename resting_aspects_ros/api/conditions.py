@@ -1,12 +1,8 @@
-"""Conditions and surroundings as they are given, and in words.
-
-Where more than planes meet a part, texts say how part and surroundings are represented.
-"""
+"""Conditions and surroundings as they are given, and in words."""
 
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -32,7 +28,7 @@ from resting_aspects_ros.simulation.conditions import (
     actions_file,
     all_surfaces,
 )
-from resting_aspects_ros.simulation.scene import MeshBody, Scene, make_scene
+from resting_aspects_ros.simulation.scene import Scene, make_scene
 from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     named_surroundings,
@@ -246,46 +242,15 @@ def _count(number: int, distribution: Distribution) -> str:
     return f'{number} of {distribution.drops} parts'
 
 
-# -- Simulated shapes -----------------------------------------------------------------------------
+# -- Convex pieces --------------------------------------------------------------------------------
 
 
 # Shorter distances, m, are rounding errors.
 ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedShapes:
-    """Shapes that the simulation uses instead of the real ones.
-
-    pieces : ConvexPieces
-        Of the part.
-    mesh : MeshBody or None
-        The mesh of the surroundings, with its flat sides as prisms and its other sides simplified.
-    """
-
-    pieces: ConvexPieces
-    mesh: MeshBody | None
-
-    def document(self) -> dict[str, Any]:
-        """Return the fields of a JSON document of drops."""
-        fields: dict[str, Any] = {'convex_pieces': self.pieces.summary()}
-        if self.mesh is not None:
-            triangles, distance = len(self.mesh.triangles), self.mesh.distance
-            fields['mesh_surface'] = {'triangles': triangles, 'distance': distance}
-        return fields
-
-    def sentences(self) -> Iterator[str]:
-        """Yield a sentence about each shape."""
-        yield pieces_text(self.pieces, 'The edge meets' if self.mesh is None else 'The mesh meets')
-        if self.mesh is not None:
-            yield (
-                f'The mesh of {len(self.mesh.triangles):,} triangles is simulated by shapes that '
-                f'are at most {_millimetres(self.mesh.distance)} mm away from it.'
-            )
-
-
-def simulated_shapes(part: Part | None, conditions: DropConditions) -> SimulatedShapes | None:
-    """Return the shapes that drops of a part use; None if only planes meet it, or not known.
+def simulated_pieces(part: Part | None, conditions: DropConditions) -> ConvexPieces | None:
+    """Return the convex pieces with which a part is simulated; None if only planes meet it.
 
     They are not known without the part, without the mesh of the surroundings, and if CoACD is not
     installed where a result of another machine is shown.
@@ -294,15 +259,9 @@ def simulated_shapes(part: Part | None, conditions: DropConditions) -> Simulated
     if part is None or around is None or not around.known:
         return None
     try:
-        scene = scene_of(part, conditions)
-        if scene.flat:
-            return None
-        pieces = convex_pieces(part)
+        return None if scene_of(part, conditions).flat else convex_pieces(part)
     except PartError:
         return None
-    return SimulatedShapes(
-        pieces, next((b for b in scene.bodies if isinstance(b, MeshBody)), None)
-    )
 
 
 def pieces_text(pieces: ConvexPieces, what: str) -> str:

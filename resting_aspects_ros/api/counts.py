@@ -202,15 +202,10 @@ def counted_by_class(given: CountedDrops, aspects: AspectSet | None = None) -> C
 
 def check_counts(given: CountedDrops) -> None:
     """Raise InvalidValueError if no drop is in an aspect, or if there are too many drops."""
-    if not given.tally.counts.any():
+    if not given.tally.counts.any() or given.drops > MAX_COUNTED:
         raise InvalidValueError(
-            f'invalid counts in {given.source!r}: expected at least one drop in an aspect, found '
-            f'0 of {given.drops} drops'
-        )
-    if given.drops > MAX_COUNTED:
-        raise InvalidValueError(
-            f'invalid number of drops {given.drops} in {given.source!r}: expected at most '
-            f'{MAX_COUNTED}'
+            f'invalid counts in {given.source!r}: expected at least one drop in an aspect, and at '
+            f'most {MAX_COUNTED} drops; found {given.tally.counts.sum()} of {given.drops} drops'
         )
 
 
@@ -238,16 +233,12 @@ def check_against(given: CountedDrops, part: str, part_sha256: str, aspects: Asp
     check_same_part(
         (f'--against {path!r}', given.part, given.part_sha256), ('the result', part, part_sha256)
     )
-    if given.by_class:
-        what, many = 'a class', 'classes'
-        ids = tuple(sorted({aspect.symmetry_class for aspect in aspects}))
-    else:
-        what, many = 'an aspect', 'aspects'
-        ids = tuple(aspect.id for aspect in aspects)
+    ids = sorted({each.symmetry_class if given.by_class else each.id for each in aspects})
     if given.groups != single_groups(ids):
+        many = 'classes' if given.by_class else 'aspects'
         raise InvalidValueError(
             f'invalid {many} [{", ".join(given.names)}] in --against {path!r}: expected those of '
-            f'{part}, {list(ids)} ({what} that was never seen has count 0)'
+            f'{part}, {ids} (what was never seen has count 0)'
         )
 
 

@@ -11,7 +11,7 @@ from resting_aspects_ros.api.conditions import (
     conditions_text,
     given_conditions,
     shipped_surfaces,
-    simulated_shapes,
+    simulated_pieces,
     with_surroundings,
 )
 from resting_aspects_ros.api.model_range import add_model_range, missing_in, model_range_text
@@ -52,6 +52,7 @@ from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution, Placements
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -141,11 +142,11 @@ class DropResult(Result):
         }
         if self.by_state is not None:
             fields['initial_states'] = {
-                'columns': self.by_state.columns,
+                'columns': [*range(1, len(self.distribution.counts) + 1), *OUTCOMES],
                 'counts': self.by_state.counts,
             }
-        if shapes := simulated_shapes(self.part, self.run.conditions):
-            fields |= shapes.document()
+        if pieces := simulated_pieces(self.part, self.run.conditions):
+            fields['convex_pieces'] = pieces.summary()
         if self.contacts is not None:
             fields['contacts'] = contact_rows(self.contacts, self.distribution)
         if self.convergence is not None:

@@ -12,8 +12,9 @@ from resting_aspects_ros.api.conditions import (
     conditions_text,
     contact_planes,
     outcome_hints,
+    pieces_text,
     scene_of,
-    simulated_shapes,
+    simulated_pieces,
     surface_text,
     when_text,
 )
@@ -195,9 +196,10 @@ def _surroundings_facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]
     conditions = result.run.conditions
     if conditions.surroundings is None:
         return {}
-    shapes = simulated_shapes(result.part, conditions)
-    simulated = [] if shapes is None else [('as simulated', text) for text in shapes.sentences()]
-    return {'Surroundings': [*surroundings_facts(conditions.surroundings, conditions), *simulated]}
+    facts = [*surroundings_facts(conditions.surroundings, conditions)]
+    if pieces := simulated_pieces(result.part, conditions):
+        facts.append(('as simulated', pieces_text(pieces, 'The surroundings meet')))
+    return {'Surroundings': facts}
 
 
 def run_facts(run: RunDescription, done: int, what: str) -> list[tuple[str, str]]:

@@ -280,11 +280,6 @@ class StartTally:
         self.counts: Counts = np.zeros((starts, len(aspects) + len(OUTCOMES)), dtype=np.int64)
 
     @property
-    def columns(self) -> list[int | str]:
-        """Ids of the aspects, then the names of the other outcomes."""
-        return [*range(1, len(self.aspects) + 1), *OUTCOMES]
-
-    @property
     def done(self) -> int:
         """Number of parts that are counted."""
         return int(self.counts.sum())
@@ -326,11 +321,9 @@ class TransitionTally(StartTally):
         """The matrix of the actions that are counted."""
         counts = np.zeros_like(self._empty.counts)
         counts[np.array(self.ids, dtype=np.int64) - 1] = self.counts
+        growth = self._energy_growth
         return dataclasses.replace(
-            self._empty,
-            counts=counts,
-            sliding=self._sliding,
-            energy_growth=self._energy_growth,
+            self._empty, counts=counts, sliding=self._sliding, energy_growth=growth
         )
 
     @property

@@ -101,7 +101,7 @@ def test_every_key_of_a_result_is_listed(run):
     ended = run('drop', 'tetrahedron', *few, '--surroundings', 'wall')
     document = json.loads(ended.stdout)
     assert keys(FILES, '## Result', 2) == list(document['contacts'][0])
-    assert set(keys(FILES, '## Result')) == {*document, 'convex_pieces', 'mesh_surface'}
+    assert set(keys(FILES, '## Result')) == {*document, 'convex_pieces'}
     (row,) = re.findall(r'^\| `schema_version` \|.*$', section(FILES, '## Result'), re.MULTILINE)
     assert row.endswith(f': {document["schema_version"]} |')
     assert keys(FILES, '## Result', 1) == list(document['aspects'][0])
