@@ -289,6 +289,6 @@ def _quaternion_columns(table: CsvTable) -> list[int]:
         if names.count(axis) != 1:
             raise table.wrong_header(
                 f'one column for {axis} of the quaternion, and others: qx, qy, qz, qw (or q_x, '
-                'quat_x, orientation.x, ...) or x, y, z, w, in any order, parted by , or ;'
+                'quat_x, orientation.x, ...) or x, y, z, w, in any order, separated by , or ;'
             )
     return [names.index(axis) for axis in _AXES]

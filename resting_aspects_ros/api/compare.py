@@ -178,7 +178,7 @@ def _warn_if_dependent(a: CountedDrops, b: CountedDrops) -> None:
     if common > 0:
         warn(
             f'{common} drops of A and B start from the same orientations (seed {a.run.seed}): '
-            'they are not independent, so the bounds and the p value are wrong; use another seed'
+            'they are not independent, and bounds and p value do not hold; use another seed'
         )
 
 

@@ -367,6 +367,8 @@ def _read_csv(
     of_key = table.column(what, _EXPECTED)
     of_count = table.column('count', _EXPECTED) if 'count' in table.names else None
     of_label = next((k for k, name in enumerate(table.names) if name in LABELS), None)
+    if of_count is None and not {*table.names} <= {what, *LABELS}:  # a misspelt count
+        raise table.wrong_header(_EXPECTED)
     among = '' if ids is None else f', one of {", ".join(map(str, ids))}'
     expected = f'the number of {what}{among}, in one group, or one of {", ".join(REST)}'
     labels: list[str] = []
@@ -374,9 +376,13 @@ def _read_csv(
     group_of: dict[int, tuple[int, ...]] = {}
     rest: Counter[str] = Counter()
     seen: set[object] = set()
+    begun: set[str] = set()
     for line, row in table.rows():
         label = '' if of_label is None else row[of_label].strip()
         if of_count is None or not labels or label != labels[-1]:
+            if of_count is not None and of_label is not None and label in begun:
+                raise table.wrong(line, row, of_label, 'the rows of a batch together')
+            begun.add(label)
             labels.append(label)
             seen.clear()
         word = row[of_key].strip().lower()

@@ -74,10 +74,15 @@ def test_classes_can_be_counted_together(observed):
     [
         (('aspect,count', '1,2'), 'expected one column class; columns aspect or class and'),
         (('1,2', '3,4'), 'expected one column class'),
+        (
+            ('class,number', '1,2'),
+            "invalid column names 'class, number' .* unless each row is one",
+        ),
         (('class,count', '1,3', '2,-4'), "invalid count '-4' .* line 3: expected an integer"),
         (('class,count', '1,0'), 'invalid number of counted parts 0'),
         (('class', '1', '4'), "invalid class '4' .* line 3: expected the number of class"),
         (('batch,class,count', 'a,1,2', 'a,1,3'), 'each class once in a batch'),
+        (('batch,class,count', 'a,1,2', 'b,1,3', 'a,2,3'), 'rows of a batch together'),
         (('class,count', '2+3,5', '3,4'), "class '3' .* one of 1, 2, 3, in one group"),
     ],
 )
