@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
+from resting_aspects_ros.api.count_files import counted_drops, counts_from_array, read_observed
 from resting_aspects_ros.api.counts import (
     CountedDrops,
     check_same_part,
     common_groups,
     counted_by_class,
-    counted_drops,
-    counts_from_array,
-    read_observed,
     single_groups,
 )
 from resting_aspects_ros.api.drop import DropResult

@@ -124,7 +124,8 @@ def estimate(
     shape = RestingShape(loaded)
     counted = None
     if against is not None:
-        from resting_aspects_ros.api.counts import check_against, counted_drops
+        from resting_aspects_ros.api.count_files import counted_drops
+        from resting_aspects_ros.api.counts import check_against
 
         counted = counted_drops(against)
         check_against(counted, loaded.name, loaded.part_sha256, shape.aspects)

@@ -19,7 +19,8 @@ from resting_aspects_ros.api.conditions import (
     shipped_actions,
     shipped_surfaces,
 )
-from resting_aspects_ros.api.counts import counted_by_class, counted_drops, read_counts
+from resting_aspects_ros.api.count_files import counted_drops, read_counts
+from resting_aspects_ros.api.counts import counted_by_class
 from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.forecast import PER_ASPECT, forecast
 from resting_aspects_ros.api.forecast_result import forecast_page

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.api.compare import machine_transitions, watch_drift
-from resting_aspects_ros.api.counts import counts_from_array, read_observed
+from resting_aspects_ros.api.count_files import counts_from_array, read_observed
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsWarning
 from resting_aspects_ros.statistics.drift import parts_needed

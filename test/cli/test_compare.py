@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2_contingency
 
 from resting_aspects_ros.api.compare import compare
-from resting_aspects_ros.api.counts import read_counts
+from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import distribution_document, to_json

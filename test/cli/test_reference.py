@@ -9,7 +9,7 @@ import pytest
 from doc_pages import ROOT, code, first_cells, section
 
 from resting_aspects_ros.api.conditions import shipped_actions
-from resting_aspects_ros.api.counts import read_counts
+from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.plan import COLUMNS
 from resting_aspects_ros.api.result import POSES_HEADER
 from resting_aspects_ros.cli import life_cycle

@@ -6,7 +6,7 @@ import json
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.counts import read_counts
+from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.result_json import document_result
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.report.document import SCHEMA_VERSION

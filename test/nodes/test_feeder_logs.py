@@ -17,7 +17,7 @@ from resting_aspects_interfaces.msg import (
 )
 from rosbags.highlevel import AnyReader
 
-from resting_aspects_ros.api.counts import read_observed
+from resting_aspects_ros.api.count_files import read_observed
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.reader import messages

@@ -14,7 +14,7 @@ import resting_aspects_ros as ra
 from fuzz.step_text import step_text
 from resting_aspects_ros.api.classify import read_pose_csv
 from resting_aspects_ros.api.conditions import shipped_surfaces
-from resting_aspects_ros.api.counts import read_counts, read_observed
+from resting_aspects_ros.api.count_files import read_counts, read_observed
 from resting_aspects_ros.api.identify import read_polygon
 from resting_aspects_ros.api.plan import read_state_csv
 from resting_aspects_ros.api.result_json import document_result

@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
         if (value := getattr(arguments, name)) is not None
     }
     from resting_aspects_ros.api.compare import watch_drift
-    from resting_aspects_ros.api.counts import read_observed
+    from resting_aspects_ros.api.count_files import read_observed
     from resting_aspects_ros.aspects.find import find_aspects
     from resting_aspects_ros.statistics.drift import check_level, check_shift, check_windows
     from resting_aspects_ros.statistics.intervals import check_confidence
@@ -156,7 +156,8 @@ def _expected(arguments: argparse.Namespace, part: 'Part') -> 'DropResult | Coun
         if not result.complete:
             raise StoppedError('interrupted')
         return result
-    from resting_aspects_ros.api.counts import check_same_part, counted_drops
+    from resting_aspects_ros.api.count_files import counted_drops
+    from resting_aspects_ros.api.counts import check_same_part
 
     refuse(arguments, SIMULATION, 'without --expected, whose drops are compared')
     given = counted_drops(arguments.expected)

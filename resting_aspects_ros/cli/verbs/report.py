@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 
 from resting_aspects_ros.api.compare import compare
-from resting_aspects_ros.api.counts import check_against, read_counts
+from resting_aspects_ros.api.count_files import read_counts
+from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.result import make_folder
 from resting_aspects_ros.api.result_json import document_result
