@@ -105,7 +105,7 @@ class _Loader(yaml.SafeLoader):
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
         keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
-        for key, number in keys.most_common(1):
+        for key, number in keys.items():
             if number > 1:
                 raise ValueError(f'the key {shown(key)} occurs twice{node.start_mark}')
         return super().construct_mapping(node, deep)

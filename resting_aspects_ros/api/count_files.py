@@ -161,13 +161,13 @@ def _read_csv(
     group_of: dict[int, tuple[int, ...]] = {}
     rest: Counter[str] = Counter()
     seen: set[object] = set()
-    begun: set[str] = set()
+    started: set[str] = set()
     for line, row in table.rows():
         label = '' if of_label is None else row[of_label].strip()
         if of_count is None or not labels or label != labels[-1]:
-            if of_count is not None and of_label is not None and label in begun:
+            if of_count is not None and of_label is not None and label in started:
                 raise table.wrong(line, row, of_label, 'the rows of a batch together')
-            begun.add(label)
+            started.add(label)
             labels.append(label)
             seen.clear()
         word = row[of_key].strip().lower()
