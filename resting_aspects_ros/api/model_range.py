@@ -89,17 +89,15 @@ def add_model_range(
     if not distribution.drops:
         return distribution, ''
     if job.starts is not None:
-        return distribution, 'it is known for random releases, not for given states'
+        why = 'it is known for random releases, and these drops start from given states'
+        return distribution, why
     if missing := missing_at(job.conditions):
         return distribution, missing
     uncertainty, draws = job.conditions.uncertainty, None
     if uncertainty:
         jobs = list(_jobs(part, job))
         if len(jobs) < min(MIN_DRAWS, len(uncertainty)):
-            return (
-                distribution,
-                'the part cannot be released under most conditions',
-            )
+            return distribution, 'the part cannot be released under most conditions'
         if (ids := _drops_at(distribution, jobs, workers, stopped)) is not None:
             draws = Draws(ids, job.conditions.uncertain, about=job.engine != BULLET)
     if stopped() or (uncertainty and draws is None):

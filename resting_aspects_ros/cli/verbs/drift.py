@@ -35,8 +35,8 @@ aspects that look the same, in the order of time. It is a log of a feeder, a
 folder of such logs, or a CSV file with the columns class and count; without
 count each row is one part. A column batch or time separates batches. Count
 parts that lie in no class as unclassified, and classes that a camera confuses
-together, as 3+4. Each window of successive parts is compared with simulated drops by a G
-test. The exit code is 0 with and without drift."""
+together, as 3+4. Each window of successive parts is compared with simulated
+drops by a G test. The exit code is 0 with and without drift."""
 EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv
   resting_aspects drift hex_nut counted.csv --expected out/nut/distribution.json
