@@ -11,10 +11,10 @@ from resting_aspects_ros.api.conditions import (
     condition_facts,
     conditions_text,
     contact_planes,
-    has_level_floor,
     outcome_hints,
+    pieces_text,
     scene_of,
-    simulated_shapes,
+    simulated_pieces,
     when_text,
 )
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
@@ -115,7 +115,7 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
         facts=_facts(result),
         history=result.history,
         range_text=result.range_text,
-        level_floor=has_level_floor(result.run.conditions),
+        level_floor=level,
         **more,
     )
 
@@ -146,8 +146,7 @@ def _notes(result: 'DropResult') -> Iterator[str]:
     if not result.complete:
         goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
         yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
-    radius = result.part.hull_radius if result.part is not None else None
-    yield from outcome_hints(result.distribution, run.conditions, radius)
+    yield from outcome_hints(result.distribution, run.conditions)
     if result.convergence is not None:
         yield result.convergence.text().replace('\n', ' ')
     if result.part is None:
@@ -191,9 +190,8 @@ def _surroundings_facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]
     if conditions.surroundings is None:
         return {}
     facts = list(_shape_facts(conditions.surroundings))
-    shapes = simulated_shapes(result.part, conditions)
-    if shapes is not None:
-        facts += [('as simulated', text) for text in shapes.sentences()]
+    if pieces := simulated_pieces(result.part, conditions):
+        facts.append(('as simulated', pieces_text(pieces, 'The surroundings meet')))
     return {'Surroundings': facts}
 
 

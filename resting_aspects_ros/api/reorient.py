@@ -22,7 +22,7 @@ from resting_aspects_ros.api.plan import (
 )
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import (
-    MatrixConvergence,
+    Convergence,
     Progress,
     Runner,
     keep_result,
@@ -92,7 +92,7 @@ class ReorientResult(Result):
         Where parts come to rest that are dropped under the same conditions.
     complete : bool
         Whether all actions that were requested are counted.
-    convergence : MatrixConvergence or None
+    convergence : Convergence or None
         How far the matrix moves with a finer time step, if that was checked.
     pieces : ConvexPieces or None
         The convex pieces of the part that meet an edge, and their difference from it; None for
@@ -105,7 +105,7 @@ class ReorientResult(Result):
     part: Part
     drop: Distribution
     complete: bool
-    convergence: MatrixConvergence | None = None
+    convergence: Convergence | None = None
     pieces: ConvexPieces | None = None
 
     @property

@@ -3,7 +3,7 @@
 from rich.console import Console
 from rich.measure import Measurement
 
-from resting_aspects_ros.api.conditions import outcome_hints, simulated_shapes
+from resting_aspects_ros.api.conditions import outcome_hints, pieces_text, simulated_pieces
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.cli.life_cycle import shown_tables
@@ -70,9 +70,8 @@ def print_result(result: DropResult, *, each: bool = False) -> None:
     print_table(result.distribution, title, part, each=each, no_model_range=missing)
     if result.contacts is not None and result.contacts.placements:
         show_table(contact_table(result.contacts, result.distribution))
-    if shapes := simulated_shapes(part, result.run.conditions):
-        show_texts(*shapes.sentences())
-    radius = part.hull_radius if part else None
-    show_texts(*outcome_hints(result.distribution, result.run.conditions, radius))
+    if pieces := simulated_pieces(part, result.run.conditions):
+        show_texts(pieces_text(pieces, 'The surroundings meet'))
+    show_texts(*outcome_hints(result.distribution, result.run.conditions))
     if result.convergence is not None:
         print(result.convergence.text())

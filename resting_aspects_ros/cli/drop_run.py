@@ -35,12 +35,12 @@ NOISES = tuple(f'noise_{name}' for name in quantities_of(Noise))
 # with given states; and with a batch of parts.
 _OF_A_LOG = (
     *('part', 'unit', 'body', 'parts', 'surface', 'surfaces', *QUANTITIES, 'height_of', 'seed'),
-    *('surroundings', 'set', 'force', 'initial_states', 'log'),
+    *('drops', 'precision', 'surroundings', 'set', 'initial_states', 'log'),
 )
 _OF_STATES = ('replicates', *NOISES)
 _OF_RELEASES = (
     *(name for name, quantity in QUANTITIES.items() if quantity.at_release),
-    *('height_of', 'force'),
+    'height_of',
 )
 _SINGLE = (
     *('body', 'parts', 'from_log', 'initial_states', 'replicates', 'log', 'poses', *NOISES),
@@ -51,7 +51,6 @@ _SINGLE = (
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the options that the drops of a part, of a log and of a batch have."""
     return {
-        'precision': arguments.precision or 0.0,
         'interval': arguments.interval,
         'confidence': arguments.confidence,
         'model_range': not arguments.no_model_range,
@@ -63,7 +62,7 @@ def _releases(arguments: argparse.Namespace) -> dict[str, Any]:
     return {
         'surface': requested_conditions(arguments),
         'seed': DEFAULT_SEED if arguments.seed is None else arguments.seed,
-        'force': arguments.force,
+        'precision': arguments.precision or 0.0,
         **_options(arguments),
     }
 
@@ -100,8 +99,7 @@ def _requested(arguments: argparse.Namespace) -> tuple[Callable[..., DropResult]
     if arguments.from_log is not None:
         refuse(arguments, _OF_A_LOG, 'without --from-log, which defines it', 'PART_OR_MESH')
         logged = logged_drops(arguments.from_log)
-        options = _options(arguments)
-        return partial(repeat_log, logged, arguments.drops, **options), logged.part.name
+        return partial(repeat_log, logged, **_options(arguments)), logged[0].name
     if arguments.part is None:
         raise InvalidValueError(
             'missing part: expected a name, a mesh file, or --from-log (see --help)'

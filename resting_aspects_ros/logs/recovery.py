@@ -14,7 +14,7 @@ from typing import Any
 from mcap.records import Attachment, Channel
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.input_files import is_printable, named, parse_yaml
+from resting_aspects_ros.input_files import named, parse_yaml, printable
 from resting_aspects_ros.logs.bag import (
     FILE_NAME,
     is_compressed,
@@ -65,7 +65,7 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
         raise LogError(
             f'{named("log", log)} cannot be recovered: expected one file that is not compressed'
         )
-    if not is_printable(path.name):
+    if printable(path.name) != path.name:
         raise LogError(
             f'{named("log", path)} cannot be recovered: expected a file name in UTF-8, because '
             'the metadata contain it'

@@ -96,9 +96,9 @@ ASPECTS = (
     'the part maps onto each other look the same and are counted together in one row.'
 )
 NOT_LEVEL = (
-    'The parts do not lie on a level plane. An aspect is the side on which the part lies. The '
-    'pictures, the height of the centre of mass, the minimum barrier and the basin show this '
-    'aspect on a level plane: they do not tell how firmly the part rests in these surroundings.'
+    'An aspect is the side on which the part lies in these surroundings. The pictures, the height '
+    'of the centre of mass, the minimum barrier and the basin show it on a level plane: they do '
+    'not tell how firmly the part rests here.'
 )
 CONTACTS = (
     'What touches each body, with the share of all {drops} drops. A number is that of the aspect '

@@ -156,15 +156,13 @@ def add_action(
     run_id : str
         Run of the simulated transitions; empty if they are not known.
     """
-    ids = [members[0].symmetry_class for members in simulated.aspects.classes()]
-    rows = [(ids[i], ids[j], int(counts[i, j])) for i in range(len(ids)) for j in range(len(ids))]
-    found = machine_transitions(rows, simulated)
+    found = machine_transitions(counts, simulated)
     message.actions.append(action)
     message.action_run_ids.append(run_id)
     message.action_messages.append(_difference_text(found) if run_id else '')
     message.moved.extend(counts.ravel().tolist())
     for name, matrix in (('moved', found.machine), ('simulated', found.simulated)):
-        values = np.stack([matrix.probability, *matrix.bounds()])[:, :, : len(ids)]
+        values = np.stack([matrix.probability, *matrix.bounds()])[:, :, : len(counts)]
         if name == 'simulated' and not run_id:
             values[:] = np.nan
         for field, each in zip(('probability', 'lower', 'upper'), values, strict=True):
@@ -173,13 +171,15 @@ def add_action(
 
 def _difference_text(found: MachineTransitions) -> str:
     """Return the pair of classes that differs most from the simulation, in words; or ''."""
-    differing = [each for each in found.comparisons if each.lower > 0 or each.upper < 0]
-    if not differing:
+    differing = (found.lower > 0) | (found.upper < 0)
+    if not differing.any():
         return ''
-    most = max(differing, key=lambda each: abs(each.difference))
+    size = np.where(differing, np.abs(found.difference), 0)
+    i, j = divmod(int(size.argmax()), len(size))
+    measured, simulated = (each.probability[i, j] for each in (found.machine, found.simulated))
+    points = points_text(found.difference[i, j], found.lower[i, j], found.upper[i, j])
     return (
-        f'{100 * most.measured.probability:.0f} % of class {most.before} come to class '
-        f'{most.after} instead of {100 * most.simulated.probability:.0f} %: '
-        f'{points_text(most.difference, most.lower, most.upper)} points '
-        f'({100 * most.confidence:g} % interval of this pair)'
+        f'{100 * measured:.0f} % of class {i + 1} come to class {j + 1} instead of '
+        f'{100 * simulated:.0f} %: {points} points '
+        f'({100 * found.simulated.confidence:g} % interval of this pair)'
     )

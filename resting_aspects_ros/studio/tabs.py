@@ -15,7 +15,6 @@ from typing import Any
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.conditions import (
     conditions_text,
-    has_level_floor,
     outcome_hints,
     shipped_actions,
     shipped_surfaces,
@@ -109,8 +108,8 @@ def _show_aspects(work: Work) -> None:
 
     result = work.drops(consumers=[tally.add], progress=progress)
     _show_bars(work, result.distribution, result.subtitle)
-    hints = outcome_hints(result.distribution, conditions, work.opened.part.hull_radius)
-    notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
+    hints = outcome_hints(result.distribution, conditions)
+    notes = [*([NOT_LEVEL] if conditions.surroundings else []), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
     work.show('range', [Text(result.range_text, 'plain'), words])
 

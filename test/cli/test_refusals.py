@@ -32,7 +32,7 @@ CASES = {
     'drop tetrahedron --confidence 95': ['--confidence', '95'],
     'drop tetrahedron --unit mm': ['unit', "'mm'"],
     # Mesh files.
-    'track l_bracket --height 60': ['height', 'drop --force', '60mm'],
+    'track l_bracket --height 60': ['height', '60mm'],
     'drop box': ["'box'", "'box.obj'"],
     'drop': ['part', '--from-log'],
     'drop tetrahedron --surroundings pocket --set unit=um': ['unit'],

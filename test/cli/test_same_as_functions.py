@@ -45,7 +45,7 @@ FORECAST_OF = {
 }
 WIPER = {'kind': 'wiper', 'height': '12.7mm'}
 DOCUMENTS = {
-    'drop, parts wedge': (
+    'drop in a groove': (
         'drop hex_nut --drops 9 --surroundings v_groove --set opening=0.3 --interval simultaneous',
         lambda: ra.drop(
             'hex_nut',

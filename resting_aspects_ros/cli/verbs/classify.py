@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 
 from resting_aspects_ros.api.classify import classify
-from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.cli.life_cycle import show_result
@@ -22,7 +21,6 @@ which cluster and aspect do not correspond."""
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
-  resting_aspects classify poses.csv --part l_bracket --surroundings l_chute
 """
 
 
@@ -38,7 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
     options.add_part_place(parser)
-    options.add_surroundings(parser)
     options.add_number(
         parser,
         '--tolerance',
@@ -57,9 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
         part = options.requested_part(arguments)
     else:
         options.refuse(arguments, ('unit', 'body', 'parts'), 'with --part')
-    surroundings = requested_surroundings(arguments.surroundings, arguments.set)
-    tolerance = arguments.tolerance
-    result = classify(arguments.poses, part, tolerance=tolerance, surroundings=surroundings)
+    result = classify(arguments.poses, part, tolerance=arguments.tolerance)
     title = f'{one_line(arguments.poses.name)}, {result.poses.drops} poses'
 
     def show() -> None:

@@ -17,10 +17,10 @@ from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, QUANTITIES
 DESCRIPTION = """Test whether the parts that a machine supplies still have the shares of the
 simulation. COUNTS counts each newly supplied part once, by the classes of
 aspects that look the same, in the order of time: a log of a feeder, a folder of
-such logs, or a CSV file with the columns class and count, or with a column for
-each class and a row for each batch. A column batch or time separates batches.
-Count parts that lie in no class as unclassified, and classes that a camera
-confuses together, as 3+4. The exit code is 0 with and without drift."""
+such logs, or a CSV file with the columns class and count; without count each
+row is one part. A column batch or time separates batches. Count parts that lie
+in no class as unclassified, and classes that a camera confuses together, as
+3+4. The exit code is 0 with and without drift."""
 EXAMPLES = """examples:
   resting_aspects drift l_bracket counted.csv
   resting_aspects drift hex_nut counted.csv --expected out/nut/distribution.json
@@ -52,11 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help='compare with the drops in a log, a JSON document of drop or request, or a CSV with '
         'columns class and count, instead of new drops',
-    )
-    parser.add_argument(
-        '--cumulative',
-        action='store_true',
-        help='each count is the total since the start, as a counter shows it',
     )
     options.add_integer(
         parser,
@@ -95,7 +90,6 @@ def run(arguments: argparse.Namespace) -> None:
     result = watch_drift(
         _expected(arguments, part),
         arguments.counts,
-        cumulative=arguments.cumulative,
         window=arguments.window,
         level=arguments.level,
         shift=arguments.shift,

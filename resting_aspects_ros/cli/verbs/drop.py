@@ -83,9 +83,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_output(parser)
     options.add_conditions(parser)
     options.add_surroundings(parser)
-    parser.add_argument(
-        '--force', action='store_true', help='accept a height that looks like a mistake'
-    )
 
 
 def _is_folder(given: list[str]) -> bool:

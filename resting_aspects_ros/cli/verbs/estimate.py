@@ -56,16 +56,12 @@ def _show(result: EstimateResult, *, each: bool) -> None:
     aspects = result.aspects
     rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects]
     title = f'{result.part.name}: probability by method, %'
-    if against is not None:
+    if against is None:
+        table = estimate_table(result.part, rows, shares, title)
+    else:
         title = f'{title}\nagainst {against.title}'
-    table = estimate_table(
-        result.part,
-        rows,
-        {name: shares.get(name) for name in methods},
-        title,
-        result.counted(by_class=by_class),
-        result.comparisons(by_class=by_class),
-    )
+        compared = result.comparisons(by_class=by_class)
+        table = estimate_table(result.part, rows, shares, title, *compared)
     show_table(table)
     lines = [
         f'{name:<16}{METHODS[name].label}: {METHODS[name].meaning}'

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from resting_aspects_ros.cli.options import add_number, add_ros_args
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.input_files import is_printable
+from resting_aspects_ros.input_files import printable
 from resting_aspects_ros.nodes.log_replayer.node import LogReplayer
 from resting_aspects_ros.ros.program import spin_nodes
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until a signal stops it; returns the exit code."""
-    if not is_printable(str(arguments.log)):
+    if printable(str(arguments.log)) != str(arguments.log):
         raise InvalidValueError(
             f'invalid log {str(arguments.log)!r}: expected a name in UTF-8, as ROS requires'
         )

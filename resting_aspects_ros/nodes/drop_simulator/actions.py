@@ -497,7 +497,7 @@ class ReorientServer(GoalServer):
         self, goal: ReorientGoal, planned: PlannedDrops
     ) -> tuple[Distribution, RestingPoses | None]:
         """Return the distribution of the drops of a goal, and their poses in surroundings."""
-        total, kept = planned.empty, []
+        total, kept = planned.tally.distribution, []
         chunks = self._chunks(planned.job, planned.run, goal.handle)
         async with aclosing(chunks):
             async for chunk in chunks:
