@@ -53,7 +53,6 @@ _MODULES = {
     'RestingAspectsWarning': 'errors',
     'RetentionResult': 'api.retention',
     'Track': 'tracks.description',
-    'TrackDesign': 'api.track_result',
     'TrackResult': 'api.track_result',
     'Step': 'simulation.actions',
     'Telecentric': 'vision.camera',

@@ -8,6 +8,7 @@ import os
 import re
 import stat
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -19,7 +20,6 @@ from pydantic import BaseModel, ValidationError, confloat, conint, constr
 
 from resting_aspects_ros.errors import (
     MAX_PATH,
-    MAX_SHOWN,
     InvalidValueError,
     RestingAspectsError,
     did_you_mean,
@@ -36,36 +36,28 @@ def read_input(
 ) -> bytes:
     """Return the content of a regular file of at most ``max_bytes``.
 
-    The type and the size are checked before the file is opened, because opening a pipe blocks
-    until a writer appears and reading a device may never end.
-
-    Parameters
-    ----------
-    path : Path
-        A regular file or a link to one.
-    max_bytes : int
-    what : str
-        Kind of file for the error message, such as 'mesh' or 'surfaces file'.
-    error : type
-        Exception class; raised with a single line that names the file if the file does not exist,
-        is a folder, a pipe, a device or a socket, is too large, or cannot be read.
+    The type is checked before the file is opened, because opening a pipe blocks until a writer
+    appears and reading a device may never end. Raises ``error`` with a single line that names
+    ``what`` the file is, such as 'mesh', and its path, if it does not exist, is no regular file,
+    is too large, or cannot be read.
     """
     label = named(what, path)
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise error(f'{label} is {_kind(status.st_mode)}: expected a regular file')
-        if status.st_size <= max_bytes:
-            with path.open('rb') as file:
-                data = file.read(max_bytes + 1)
-            if len(data) <= max_bytes:
-                return data
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode):
+            kind = 'a folder' if stat.S_ISDIR(mode) else 'a pipe, a device or a socket'
+            raise error(f'{label} is {kind}: expected a regular file')
+        with path.open('rb') as file:
+            data = file.read(max_bytes + 1)
     except FileNotFoundError:
         raise error(f'{label} does not exist') from None
     except (OSError, ValueError) as cause:  # ValueError: a path with a null byte
         reason = getattr(cause, 'strerror', None) or one_line(str(cause))
         raise error(f'{label} cannot be read: {reason}') from None
-    raise error(f'{label} is too large: expected at most {_size(max_bytes)}')
+    if len(data) > max_bytes:
+        size = f'{max_bytes >> 20} MiB' if max_bytes >= 1 << 20 else f'{max_bytes >> 10} KiB'
+        raise error(f'{label} is too large: expected at most {size}')
+    return data
 
 
 def is_file(path: Path) -> bool:
@@ -88,53 +80,46 @@ def printable(name: str) -> str:
     return name.encode('utf-8', 'backslashreplace').decode('utf-8')
 
 
-def is_printable(name: str) -> bool:
-    """Return whether a file name is valid UTF-8."""
-    return printable(name) == name
-
-
-def _kind(mode: int) -> str:
-    kinds = {
-        stat.S_IFDIR: 'a folder',
-        stat.S_IFIFO: 'a pipe (FIFO)',
-        stat.S_IFCHR: 'a device',
-        stat.S_IFBLK: 'a device',
-        stat.S_IFSOCK: 'a socket',
-    }
-    return kinds.get(stat.S_IFMT(mode), 'not a file')
-
-
-def _size(count: int) -> str:
-    return f'{count >> 20} MiB' if count >= 1 << 20 else f'{count >> 10} KiB'
-
-
 # -- YAML -----------------------------------------------------------------------------------------
 
 
 MAX_BYTES = 1 << 16  # a part description has less than 1000 bytes, the surfaces less than 10000
-# Maximum number of values after aliases are expanded. Ten lines of nested aliases can expand to
-# more values than fit into any memory.
-MAX_VALUES = 100_000
-MAX_DEPTH = 50
-
-
 _INT, _FLOAT = 'tag:yaml.org,2002:int', 'tag:yaml.org,2002:float'
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads numbers as YAML 1.2 does: in YAML 1.1, 1e-6 is text, and the range 5:50 is 350."""
+    """Refuses aliases, which can expand to more values than fit into any memory, and double keys.
+
+    It reads numbers as YAML 1.2 does: in YAML 1.1, 1e-6 is text, and the range 5:50 is 350.
+    """
 
     yaml_implicit_resolvers = {  # noqa: RUF012 as in its base
         first: [(tag, pattern) for tag, pattern in pairs if tag not in (_INT, _FLOAT)]
         for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }
 
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise ValueError('it has an alias (*), which is not supported')
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+        for key, number in keys.items():
+            if number > 1:
+                raise ValueError(f'the key {shown(key)} occurs twice{node.start_mark}')
+        return super().construct_mapping(node, deep)
+
 
 class _Dumper(yaml.SafeDumper):
-    """Writes an object that is used twice as text again, not as an alias."""
+    """Writes an object that is used twice again, not as an alias, and numbers in lines."""
 
     def ignore_aliases(self, _: object) -> bool:
         return True
+
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> Any:
+        numbers = all(isinstance(each, int | float) for each in sequence)
+        return super().represent_sequence(tag, sequence, flow_style or numbers)
 
 
 # Text such as 12e34 is written with quotation marks, because the loader would read a number.
@@ -185,22 +170,13 @@ def parse_yaml(
     """Return the document in YAML text as plain Python types; None if it is empty.
 
     Raises ``error``, with a single line that begins with the label, if the text is not valid YAML
-    or too long (it would take minutes to read), a value does not fit its tag, the nesting is too
-    deep, a key occurs twice in a mapping, or aliases contain themselves or expand to more than
-    MAX_VALUES values.
+    or too long (it would take minutes to read), a value does not fit its tag, a key occurs twice
+    in a mapping, or there is an alias.
     """
     try:
         if len(data) > max_length:
             raise ValueError(f'it has more than {max_length} characters')
-        loader = _Loader(data)
-        try:
-            node = loader.get_single_node()
-            if node is None:
-                return None
-            _count(node, {})
-            return loader.construct_document(node)
-        finally:
-            loader.dispose()
+        return yaml.load(data, _Loader)  # noqa: S506 it is a SafeLoader
     except Exception as cause:  # noqa: BLE001 its constructors raise exceptions of any type
         reason = (
             'it is nested too deeply'
@@ -208,35 +184,6 @@ def parse_yaml(
             else one_line(str(cause))
         )
         raise error(f'{label} is not valid YAML: {reason or type(cause).__name__}') from None
-
-
-def _count(node: yaml.Node, known: dict[yaml.Node, int], depth: int = 0) -> int:
-    """Return the number of values in a node with aliases expanded; ValueError if too many."""
-    if depth > MAX_DEPTH:
-        raise RecursionError
-    if node not in known:
-        known[node] = (
-            MAX_VALUES  # until it is counted, so that an alias that contains itself is an error
-        )
-        children: list[Any] = node.value if isinstance(node, yaml.CollectionNode) else []
-        if isinstance(node, yaml.MappingNode):
-            _check_keys([key for key, _ in children])
-            children = [child for pair in children for child in pair]
-        known[node] = 1 + sum(_count(child, known, depth + 1) for child in children)
-    if known[node] >= MAX_VALUES:
-        raise ValueError(f'it has more than {MAX_VALUES} values, or an alias that contains itself')
-    return known[node]
-
-
-def _check_keys(keys: list[yaml.Node]) -> None:
-    """Raise ValueError if a key occurs twice, of which the last would be used."""
-    seen = set()
-    for key in keys:
-        if isinstance(key, yaml.ScalarNode):
-            if (key.tag, key.value) in seen:
-                line = key.start_mark.line + 1
-                raise ValueError(f'the key {shown(key.value)} occurs twice, again in line {line}')
-            seen.add((key.tag, key.value))
 
 
 # -- Schemas --------------------------------------------------------------------------------------
@@ -277,20 +224,11 @@ def validated(
     expected: Mapping[str, str] | None = None,
     error: type[RestingAspectsError] = InvalidValueError,
 ) -> Model:
-    """Return a document as an instance of a model.
+    """Return a document as an instance of a model of pydantic.
 
-    Parameters
-    ----------
-    model : type
-        A model of pydantic.
-    document : mapping
-    label : str
-        The file, or the entry in it, for messages; empty if the caller adds it.
-    expected : mapping of str to str, optional
-        What is expected of a field, by its name, instead of the description by pydantic.
-    error : type
-        Exception class; raised with a single line that names the label, the first invalid field,
-        its value and what was expected.
+    Raises ``error`` with a single line that names the label (the file, or the entry in it; empty
+    if the caller adds it), the first invalid field, its value and what was expected: that in
+    ``expected`` by the name of the field, or the description by pydantic.
     """
     where = f' in {label}' if label else ''
     fields: Any = getattr(model, 'model_fields', None) or model.__fields__
@@ -300,16 +238,15 @@ def validated(
             f'invalid content {shown(document)}{where}: expected a mapping with the keys '
             f'{", ".join(names)}, not a {type(document).__name__}'
         )
-    keys = {key if isinstance(key, str) else shown(key): key for key in document}
     try:
-        return model(**{name: document[key] for name, key in keys.items()})
+        return model(**{str(key): value for key, value in document.items()})
     except ValidationError as found:
         # A misspelt key comes before the key that is missing instead.
         first = min(found.errors(), key=lambda e: len(e['loc']) > 1 or 'extra' not in e['type'])
     name = str(first['loc'][0])
     if len(first['loc']) == 1 and 'extra' in first['type']:
         raise error(
-            f'invalid key {shown(keys[name])}{where}: expected one of {", ".join(names)}'
+            f'invalid key {shown(name)}{where}: expected one of {", ".join(names)}'
             f'{did_you_mean(name, names)}'
         )
     raise error(_refusal(document, label, where, expected or {}, first))
@@ -385,10 +322,7 @@ def parse_json(path: Path, text: str | bytes) -> dict[str, Any]:
     try:
         document = json.loads(
             text.decode('utf-8-sig') if isinstance(text, bytes) else text,
-            object_pairs_hook=_unique,
-            parse_constant=_finite,
-            parse_float=_finite,
-            parse_int=_integer,
+            parse_constant=_not_finite,
         )
     except (ValueError, RecursionError) as error:
         raise InvalidValueError(f'{file_text(path)} is not JSON: {one_line(str(error))}') from None
@@ -409,24 +343,8 @@ def file_text(path: Path) -> str:
     return shown(str(path), MAX_PATH)
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in found if names.count(name) > 1)
-        raise ValueError(f'the key {shown(twice)} occurs twice in an object')
-    return found
-
-
-def _finite(text: str) -> float:
-    if math.isfinite(number := float(text)):
-        return number
-    raise ValueError(f'{one_line(text, MAX_SHOWN)} is not a finite number')
-
-
-def _integer(text: str) -> int:
-    _finite(text)  # the number may be converted to a float
-    return int(text)
+def _not_finite(text: str) -> float:
+    raise ValueError(f'{text} is not a finite number')
 
 
 # -- CSV ------------------------------------------------------------------------------------------
@@ -451,10 +369,8 @@ def open_text(path: Path, what: str, max_bytes: int) -> Iterator[TextIO]:
 class CsvTable:
     """Header and rows of a CSV.
 
-    header : list of str
-        Names of the columns, without space around them.
-    where : str
-        File and line of the header, for messages.
+    header, names : list of str
+        Names of the columns, without space around them; and in lower case.
     """
 
     def __init__(self, path: Path, lines: Iterable[str]) -> None:
@@ -463,9 +379,22 @@ class CsvTable:
         first = next(lines, '')
         delimiter = next((each for each in ';,\t' if each in first), ',')
         self._reader = csv.reader(chain([first], lines), delimiter=delimiter)
-        line, names = next(self._filled(), (1, []))
+        self._line, names = next(self._filled(), (1, []))
         self.header = [name.strip() for name in names]
-        self.where = f'{str(path)!r} line {line}'
+        self.names = [name.lower() for name in self.header]
+
+    def wrong_header(self, expected: str) -> InvalidValueError:
+        """Return the error for the names of the columns."""
+        return InvalidValueError(
+            f'invalid column names {shown(", ".join(self.header))} in {str(self._path)!r} line '
+            f'{self._line}: expected {expected}'
+        )
+
+    def column(self, name: str, expected: str) -> int:
+        """Return the index of the column of a name; InvalidValueError unless there is one."""
+        if self.names.count(name) != 1:
+            raise self.wrong_header(f'one column {name}; {expected}')
+        return self.names.index(name)
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the rows that are not empty, with line numbers; each is as long as the header."""
@@ -494,6 +423,14 @@ class CsvTable:
             number = math.nan
         if not math.isfinite(number):
             raise self.wrong(line, row, column, 'a finite number, such as -0.5')
+        return number
+
+    def count(self, line: int, row: Sequence[str], column: int) -> int:
+        """Return the integer from 0 to MAX_COUNTED in a cell; raises InvalidValueError."""
+        text = row[column].strip()
+        number = int(text) if re.fullmatch('[0-9]{1,9}', text) else -1
+        if not 0 <= number <= MAX_COUNTED:
+            raise self.wrong(line, row, column, f'an integer from 0 to {MAX_COUNTED}')
         return number
 
     def _filled(self) -> Iterator[tuple[int, list[str]]]:

@@ -92,11 +92,7 @@ def angle_between(a: Array, b: Array) -> Array:
 
 
 def orientation_with_down(down: Array) -> Array:
-    """Return the quaternion (4,), tray from part, that makes ``down`` (3,) point down.
-
-    ``down`` is a direction in the part frame.
-    It is the shortest such rotation; any rotation about the vertical could be added.
-    """
+    """Return the shortest rotation (4,), tray from part, that makes ``down`` (3,) point down."""
     return rotation_between(down, np.array([0.0, 0.0, -1.0]))
 
 
@@ -146,12 +142,7 @@ def turned_about_vertical(xyzw: Array, angle: float) -> Array:
 def turned_down(xyzw: Array, down: Array) -> Array:
     """Return orientations (n, 4), rotated by the minimum that makes the directions point down.
 
-    Parameters
-    ----------
-    xyzw : (n, 4) float
-        Unit quaternions, tray from part.
-    down : (n, 3) float
-        Unit vectors, part frame; none of them may point up in its orientation.
+    ``down`` are unit vectors (n, 3), part frame; none of them may point up in its orientation.
     """
     now = rotate(xyzw, down)
     # From u to -z the axis is u x -z; the quaternion (axis, 1 + u . -z) is not normalized.

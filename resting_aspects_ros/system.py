@@ -5,7 +5,6 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 # Signals that ask a program to end: Ctrl-C, a service manager, a terminal that closes. Windows has
@@ -38,17 +37,9 @@ def parts_folder() -> Path:
 def lock_file(file: IO[bytes], *, shared: bool = False) -> bool | None:
     """Lock a file until it is closed, at the latest until the process ends.
 
-    Parameters
-    ----------
-    file : binary file
-    shared : bool
-        Whether several programs may lock it at the same time.
-
-    Returns
-    -------
-    bool or None
-        Whether it is locked now: False if another program has locked it, and None if the file
-        system or the operating system (Windows) has no such locks.
+    Several programs may have a ``shared`` lock. Returns whether it is locked now: False if another
+    program has locked it, and None if the file system or the operating system (Windows) has no
+    such locks.
     """
     try:
         import fcntl
@@ -122,11 +113,6 @@ class Interruption:
     def _note(self, *_: object) -> None:
         self.asked = True
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if self.asked else handler)

@@ -10,7 +10,7 @@ from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.kernel_data import Numerics
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.release import TIME_LIMIT
-from resting_aspects_ros.simulation.scene import depth_along
+from resting_aspects_ros.simulation.scene import depth_of
 from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.simulation.surroundings import Surroundings
 
@@ -78,7 +78,7 @@ def flat_on(job, yaws, velocity=(0.0, 0.0, 0.0), x=0.0, y=0.0, lift=0.0):
     """Place bodies with their part frames turned by angles about z on the plane z = 0."""
     turned = Rotation.from_euler('z', np.reshape(yaws, (-1, 1)))
     orientation = (turned * Rotation.from_quat(job.axes)).as_quat()
-    height = depth_along(orientation, np.array([0.0, 0.0, -1.0]), job.hull) + lift
+    height = depth_of(orientation, job.hull) + lift
     position = np.stack([0 * height + x, 0 * height + y, height], axis=1)
     return Placed(job, position, orientation, velocity)
 

@@ -30,7 +30,7 @@ from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_interfaces.msg import FeederAction, PartDescription, RestingPoses
 from resting_aspects_interfaces.srv import GetDistribution, GetTransitions
 
-from resting_aspects_ros.ros.discovery import TopicDiscovery
+from resting_aspects_ros.ros.health import TopicDiscovery
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     ALL_LATCHED,

@@ -164,7 +164,7 @@ def track():
 
 
 def design_track():
-    designs = ra.design_track('u_bracket', 1, drops=100, seed=3).designs
+    designs = ra.design_track('u_bracket', 1, drops=100, seed=3).design.designs
     kinds = [[trap.kind for trap in each.passage.track.traps] for each in designs]
     return {'kinds': kinds}, {'margins': [each.margin for each in designs]}
 

@@ -25,12 +25,15 @@ def test_a_regular_file_is_read_up_to_the_limit(tmp_path):
 @pytest.mark.parametrize(
     ('make', 'expected'),
     [
-        (os.mkfifo, 'is a pipe (FIFO): expected a regular file'),
+        (os.mkfifo, 'is a pipe, a device or a socket: expected a regular file'),
         (os.mkdir, 'is a folder: expected a regular file'),
-        (lambda path: path.symlink_to('/dev/zero'), 'is a device: expected a regular file'),
+        (
+            lambda path: path.symlink_to('/dev/zero'),
+            'is a pipe, a device or a socket: expected a regular file',
+        ),
         (
             lambda path: socket.socket(socket.AF_UNIX).bind(str(path)),
-            'is a socket: expected a regular file',
+            'is a pipe, a device or a socket: expected a regular file',
         ),
         (lambda path: path.symlink_to(path), 'cannot be read: Too many levels of symbolic links'),
         (lambda path: None, 'does not exist'),

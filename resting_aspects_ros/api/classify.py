@@ -5,7 +5,6 @@ four numbers, in any order and among any other columns. Of a file with a `status
 `resting_aspects drop` writes it, only settled poses are used.
 """
 
-import dataclasses
 import re
 from array import array
 from collections.abc import Sequence
@@ -15,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.conditions import on_level_floor
 from resting_aspects_ros.api.result import Result
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.clusters import (
     DEFAULT_TOLERANCE_DEGREES,
@@ -29,23 +28,17 @@ from resting_aspects_ros.aspects.clusters import (
     find_differences,
 )
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.errors import InvalidValueError, warn
 from resting_aspects_ros.input_files import CsvTable, open_text
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import agreement_fields, cluster_document
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical, down_in_part
-from resting_aspects_ros.simulation.surroundings import Surroundings
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
 # A cluster needs two poses that can be alike.
 MIN_POSES, MIN_POSES_WITH_PART = 2, 1
-INVERSE = np.array([-1.0, -1.0, -1.0, 1.0])
-COLUMN_NAMES = (
-    'qx, qy, qz, qw (or q_x, quat_x, orientation.x, ...) or x, y, z, w, in any order, in columns '
-    'parted by , or ;'
-)
 _QUATERNION = re.compile(r'(?:pose)?(?:orientation|rotation|rot|quaternion|quat|q)+([xyzw])')
 _AXES = 'xyzw'
 # Of the largest run there are 300 MB.
@@ -67,16 +60,13 @@ class PoseTable:
     unsettled, failed : int
         Number of poses with another status, which are left out. Lost and sliding parts are
         unsettled.
-    source : str
-        The file; empty without one.
     """
 
-    orientation: npt.NDArray[np.float64]
-    index: npt.NDArray[np.int64]
-    line: npt.NDArray[np.int64]
+    orientation: Array
+    index: Indices
+    line: Indices
     unsettled: int
     failed: int
-    source: str = ''
 
     @property
     def drops(self) -> int:
@@ -88,9 +78,6 @@ class PoseTable:
 class PartClassification:
     """Poses in the aspects of a part, beside their clusters.
 
-    Attributes
-    ----------
-    part : Part
     distribution : Distribution
         Over the aspects of the part.
     agreement : Agreement
@@ -104,26 +91,13 @@ class PartClassification:
     agreement: Agreement
     differences: Differences
 
-    @property
-    def aspects(self) -> AspectSet:
-        """Return the aspects of the part."""
-        return self.distribution.aspects
-
 
 @dataclass(frozen=True, eq=False)
 class ClassificationResult(Result):
     """Poses in clusters, and in the aspects of a part if one was given.
 
-    Attributes
-    ----------
-    poses : PoseTable
-        The n settled poses.
-    clusters : Clusters
-        Clusters of the poses by their down directions; ``labels`` (n,) from 1.
-    tolerance : float
-        Of the clusters, rad.
-    by_part : PartClassification or None
-        None without a part.
+    ``clusters`` are those of the n poses by their down directions, with ``labels`` (n,) from 1
+    and the ``tolerance``, rad; ``by_part`` is None without a part.
     """
 
     poses: PoseTable
@@ -132,7 +106,7 @@ class ClassificationResult(Result):
     by_part: PartClassification | None = None
 
     @property
-    def aspect(self) -> npt.NDArray[np.int64]:
+    def aspect(self) -> Indices:
         """Return (n,) the id of each pose's aspect, 0 for none; InvalidValueError if no part."""
         if self.by_part is None:
             raise InvalidValueError('no aspects: expected a part to classify the poses with')
@@ -163,7 +137,6 @@ def classify(
     part: Part | str | Path | None = None,
     *,
     tolerance: float = DEFAULT_TOLERANCE_DEGREES,
-    surroundings: str | Path | Surroundings | None = None,
 ) -> ClassificationResult:
     """Sort resting poses by their orientations; two are the same if they differ by yaw only.
 
@@ -177,19 +150,11 @@ def classify(
     tolerance : float
         Poses whose down directions are at most so far apart are in one cluster, and so on from
         each pose to the next: 1 to 30 degrees.
-    surroundings : str, Path or Surroundings, optional
-        Where the parts came to rest, as for `drop`; only with a part. Poses are then the same if
-        they differ by a turn about the normal of the first body, on which aspects are counted.
-
-    Returns
-    -------
-    ClassificationResult
 
     Raises
     ------
     InvalidValueError
-        A pose is not a unit quaternion, there are too few of them, or surroundings are given
-        without a part.
+        A pose is not a unit quaternion, or there are too few of them.
 
     Warns
     -----
@@ -208,11 +173,6 @@ def classify(
     check_tolerance(radians)
     loaded = None if part is None else given_part(part)
     table = _table(poses, MIN_POSES if loaded is None else MIN_POSES_WITH_PART)
-    if surroundings is not None:
-        if loaded is None:
-            raise InvalidValueError('invalid surroundings: expected only with a part')
-        turned = on_level_floor(table.orientation, loaded, surroundings)
-        table = dataclasses.replace(table, orientation=turned)
     clusters = find_clusters(down_in_part(table.orientation), radians)
     if loaded is None:
         return ClassificationResult(table, clusters, radians)
@@ -228,7 +188,11 @@ def _by_part(poses: PoseTable, clusters: Clusters, part: Part) -> PartClassifica
     distribution = Distribution(
         aspects, counts[1:], int(counts[0]), unsettled=poses.unsettled, failed=poses.failed
     )
-    _warn_of_another_part(poses, part, distribution)
+    if distribution.unclassified > len(ids) / 2:
+        warn(
+            f'{distribution.unclassified} of {len(ids)} settled poses are in no aspect of '
+            f'{part.name!r}: are they of another part, in another frame, or part from world?'
+        )
     return PartClassification(part, distribution, agreement, differences)
 
 
@@ -248,58 +212,42 @@ def _table(poses: RestingPoses | npt.ArrayLike | str | Path, min_poses: int) -> 
                 f'invalid shape {xyzw.shape} of the poses: expected (n, 4), quaternions xyzw'
             )
         index = np.arange(len(xyzw))
-    if len(index) < min_poses:
+    unit = _unit(xyzw, min_poses, 'the array', 'pose', index)
+    return PoseTable(unit, index, index + 1, unsettled, failed)
+
+
+def _unit(xyzw: Array, min_poses: int, source: str, what: str, places: Indices) -> Array:
+    """Return quaternions (n, 4) with length 1; raises InvalidValueError.
+
+    source, what, places : for messages, such as the file, 'line' and the number (n,) of each line
+    """
+    if len(xyzw) < min_poses:
         raise InvalidValueError(
-            f'invalid number of settled poses {len(index)}: expected at least {min_poses}'
+            f'invalid number of settled poses {len(xyzw)} in {source}: expected at least '
+            f'{min_poses}'
         )
-    length = np.linalg.norm(xyzw, axis=1)
+    with np.errstate(over='ignore'):  # what is as long as that is refused
+        length = np.linalg.norm(xyzw, axis=1)
     for k in np.flatnonzero(~(np.abs(length - 1) <= LENGTH_TOLERANCE))[:1]:
         raise InvalidValueError(
-            f'invalid orientation {xyzw[k].tolist()} of pose {index[k]}: expected a quaternion of '
-            f'length 1 within {LENGTH_TOLERANCE:g}'
+            f'invalid orientation {", ".join(f"{number:.6g}" for number in xyzw[k])} in {source} '
+            f'{what} {places[k]}: expected a quaternion of length 1 within {LENGTH_TOLERANCE:g}, '
+            f'and its length is {length[k]:.6g}'
         )
-    return PoseTable(canonical(xyzw), index, index + 1, unsettled, failed)
-
-
-def _warn_of_another_part(poses: PoseTable, part: Part, distribution: Distribution) -> None:
-    """Warn if most poses are in no aspect, and say what the reason may be."""
-    settled, unclassified = len(poses.index), distribution.unclassified
-    if unclassified <= settled / 2:
-        return
-    inverse = distribution.aspects.classify(poses.orientation * INVERSE)
-    hint = (
-        'the inverse rotations fit, so they may be part from world'
-        if np.count_nonzero(inverse) > settled / 2
-        else 'is this the pose file of another part, or in another unit or frame?'
-    )
-    source = f' in {poses.source!r}' if poses.source else ''
-    warn(
-        f'{unclassified} of {settled} settled poses{source} are in no aspect of {part.name!r}: '
-        f'{hint}'
-    )
+    return canonical(xyzw)
 
 
 def read_pose_csv(path: Path, min_poses: int) -> PoseTable:
-    """Read a CSV.
+    """Read a CSV with at least ``min_poses`` settled poses.
 
-    Parameters
-    ----------
-    path : Path
-    min_poses : int
-        Minimum number of settled poses.
-
-    Raises
-    ------
-    InvalidValueError
-        Names file, line, column, value and what was expected.
+    Raises InvalidValueError, which names file, line, column, value and what was expected.
     """
     numbers, index, lines = array('d'), array('q'), array('q')
     count = dict.fromkeys(RestStatus, 0)
     with open_text(path, 'pose file', MAX_BYTES) as file:
         table = CsvTable(path, file)
-        columns = _quaternion_columns(table.where, table.header)
-        names = [name.lower() for name in table.header]
-        status_column = names.index('status') if 'status' in names else None
+        columns = _quaternion_columns(table)
+        status_column = table.names.index('status') if 'status' in table.names else None
         for line, row in table.rows():
             status = _status(table, line, row, status_column)
             if status is RestStatus.SETTLED:  # no others need to have an orientation
@@ -307,31 +255,14 @@ def read_pose_csv(path: Path, min_poses: int) -> PoseTable:
                 lines.append(line)
                 numbers.extend(table.number(line, row, k) for k in columns)
             count[status] += 1
-    if len(index) < min_poses:
-        settled = ' settled' if sum(count.values()) > len(index) else ''
-        raise InvalidValueError(
-            f'invalid number of{settled} poses {len(index)} in {str(path)!r}: expected at least '
-            f'{min_poses}'
-        )
     xyzw = np.frombuffer(numbers, dtype=np.float64).reshape(-1, 4)
-    with np.errstate(over='ignore'):  # what is as long as that is refused
-        length = np.linalg.norm(xyzw, axis=1)
-    wrong = np.flatnonzero(~(np.abs(length - 1) <= LENGTH_TOLERANCE))
-    if len(wrong):
-        k = int(wrong[0])
-        raise InvalidValueError(
-            f'invalid {", ".join(table.header[column] for column in columns)} '
-            f'{", ".join(f"{number:.6g}" for number in xyzw[k])} in {str(path)!r} line '
-            f'{lines[k]}: expected a quaternion of length 1 within {LENGTH_TOLERANCE:g}, and its '
-            f'length is {length[k]:.6g}'
-        )
+    places = np.frombuffer(lines, dtype=np.int64)
     return PoseTable(
-        canonical(xyzw),
+        _unit(xyzw, min_poses, repr(str(path)), 'line', places),
         np.frombuffer(index, dtype=np.int64),
-        np.frombuffer(lines, dtype=np.int64),
+        places,
         unsettled=sum(count[each] for each in NOT_AT_REST),
         failed=count[RestStatus.FAILED],
-        source=str(path),
     )
 
 
@@ -345,25 +276,19 @@ def _status(table: CsvTable, line: int, row: Sequence[str], column: int | None) 
         raise table.wrong(line, row, column, names) from None
 
 
-def _quaternion_columns(where: str, header: Sequence[str]) -> list[int]:
+def _quaternion_columns(table: CsvTable) -> list[int]:
     """The columns of x, y, z and w.
 
     Bare x, y and z are positions where there are better names for the quaternion.
     """
-    bare = [re.sub(r'\[.*?\]|\W|_', '', name.lower()) for name in header]
+    bare = [re.sub(r'\[.*?\]|\W|_', '', name) for name in table.names]
     matches = [_QUATERNION.fullmatch(name) for name in bare]
     better = [match[1] if match else '' for match in matches]
     names = better if any(better) else bare
-    missing = [axis for axis in _AXES if axis not in names]
-    twice = [axis for axis in _AXES if names.count(axis) > 1]
-    if missing or twice:
-        problem = (
-            f'no column is {" or ".join(missing)} of the quaternion'
-            if missing
-            else f'several columns are {" and ".join(twice)} of the quaternion'
-        )
-        raise InvalidValueError(
-            f'invalid column names {shown(", ".join(header))} in {where}: {problem}; expected '
-            f'{COLUMN_NAMES}'
-        )
+    for axis in _AXES:
+        if names.count(axis) != 1:
+            raise table.wrong_header(
+                f'one column for {axis} of the quaternion, and others: qx, qy, qz, qw (or q_x, '
+                'quat_x, orientation.x, ...) or x, y, z, w, in any order, separated by , or ;'
+            )
     return [names.index(axis) for axis in _AXES]

@@ -2,40 +2,32 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.api.count_files import (
-    counted_drops,
-    counts_from_array,
-    read_observed,
-    read_transitions,
-)
+from resting_aspects_ros.api.count_files import counted_drops, counts_from_array, read_observed
 from resting_aspects_ros.api.counts import (
-    DESIGNS,
     CountedDrops,
     check_same_part,
     common_groups,
     counted_by_class,
+    single_groups,
 )
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import model_range_text
 from resting_aspects_ros.api.result import Result
-from resting_aspects_ros.arrays import Counts
+from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.errors import InvalidValueError, shown, warn
-from resting_aspects_ros.input_files import MAX_COUNTED
 from resting_aspects_ros.report.comparison import ComparedResults, comparison_document, verdict
 from resting_aspects_ros.report.document import SCHEMA_VERSION
 from resting_aspects_ros.report.drift import drift_fields, drift_sentence
 from resting_aspects_ros.statistics import comparison as statistics
 from resting_aspects_ros.statistics.comparison import UNIT, batch_scatter, square_and_add
 from resting_aspects_ros.statistics.counted_parts import (
-    PRIOR_WEIGHT,
     LiveCounts,
     ObservedCounts,
 )
@@ -51,29 +43,20 @@ from resting_aspects_ros.statistics.drift import (
 from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
-    Interval,
     check_confidence,
 )
 from resting_aspects_ros.statistics.transitions import TransitionMatrix, no_actions
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 # Seed of the random tables of a p value, so that equal inputs give equal results.
 SEED = 1
-MAX_LISTED = 20
 
 
 @dataclass(frozen=True, eq=False)
 class ComparisonResult(Result):
     """Two distributions side by side.
 
-    Attributes
-    ----------
-    a, b : CountedDrops
-        The drops that are compared, with their ids of aspects, or of symmetry classes.
-    comparison : Comparison
-        Shares, deviations, bounds and p value; arrays in the order of ``a.ids``.
+    ``comparison`` has shares, deviations, bounds and p value, with arrays in the order of
+    ``a.ids``, which are ids of aspects or of symmetry classes.
     """
 
     a: CountedDrops
@@ -84,10 +67,9 @@ class ComparisonResult(Result):
     def sides(self) -> ComparedResults:
         """Return both sides, as reports show them."""
         a, b = self.a, self.b
-        down = a.down if a.down is not None else b.down
         what: Literal['aspect', 'class'] = 'class' if a.by_class else 'aspect'
         models = a.model, b.model
-        return ComparedResults(a.ids, down, a.tally, b.tally, what, a.names, models=models)
+        return ComparedResults(a.ids, a.names, a.tally, b.tally, what, models=models)
 
     @property
     def range_texts(self) -> list[str]:
@@ -100,8 +82,7 @@ class ComparisonResult(Result):
     @property
     def verdict(self) -> str:
         """Return a sentence that states whether chance explains the difference."""
-        sides = self.sides
-        return verdict(self.comparison, [f'{sides.what} {name}' for name in sides.names])
+        return verdict(self.comparison, self.sides)
 
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects compare --json` prints."""
@@ -131,10 +112,6 @@ def compare(
         Confidence of the bounds, which hold for all aspects together: more than 0.5 and less
         than 1.
 
-    Returns
-    -------
-    ComparisonResult
-
     Raises
     ------
     InvalidValueError
@@ -163,7 +140,8 @@ def compare(
         into = common_groups(one.groups, other.groups)
         one, other = one.grouped(into), other.grouped(into)
     for given in (one, other):
-        _warn_if_incomplete(given)
+        if not given.complete:
+            warn(f'{given.source!r} is not complete: it has {given.drops} drops')
     _warn_if_dependent(one, other)
     generator = np.random.default_rng(SEED)
     found = statistics.compare(one.tally, other.tally, generator, confidence)
@@ -172,42 +150,16 @@ def compare(
 
 def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:
     """Raise InvalidValueError if an aspect of one is not an aspect of the other."""
-    try:
-        check_same_part(
-            (f'A, {a.source!r},', a.part, a.part_sha256),
-            (f'B, {b.source!r},', b.part, b.part_sha256),
-        )
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{error}. {DESIGNS}') from None
-    if a.members == b.members:
-        return
-    # Counts that the suite wrote have all aspects of the part, so they are the reference.
-    one, other = (b, a) if a.down is not None or set(a.members) > set(b.members) else (a, b)
-    many = 'classes' if a.by_class else 'aspects'
-    raise InvalidValueError(
-        f'invalid {many} {_listed(one.members)} in {one.source!r}: expected those in '
-        f'{other.source!r}, {_listed(other.members)}; {_differences(one, other)}'
+    check_same_part(
+        (f'A, {a.source!r},', a.part, a.part_sha256), (f'B, {b.source!r},', b.part, b.part_sha256)
     )
-
-
-def _differences(one: CountedDrops, other: CountedDrops) -> str:
-    """Return which ids differ, and how to correct them."""
-    parts = []
-    if unknown := set(one.members) - set(other.members):
-        parts.append(f'not among them: {_listed(sorted(unknown))}')
-    if missing := set(other.members) - set(one.members):
-        parts.append(
-            f'missing: {_listed(sorted(missing))} (an aspect that was never seen has count 0; '
-            'aspects that look the same are counted by class, in a column class instead of aspect)'
+    if a.members != b.members:
+        many = 'classes' if a.by_class else 'aspects'
+        raise InvalidValueError(
+            f'invalid {many} {shown(a.members)} in {a.source!r}: expected those in {b.source!r}, '
+            f'{shown(b.members)} (what was never seen has count 0; what looks the same is counted '
+            'in a column class instead of aspect)'
         )
-    return '; '.join(parts)
-
-
-def _warn_if_incomplete(given: CountedDrops) -> None:
-    if not given.complete:
-        known = given.run is not None and given.run.precision == 0
-        asked = f' of {given.run.drops}' if given.run and known else ''
-        warn(f'{given.source!r} is not complete: it has {given.drops}{asked} drops')
 
 
 def _warn_if_dependent(a: CountedDrops, b: CountedDrops) -> None:
@@ -216,18 +168,10 @@ def _warn_if_dependent(a: CountedDrops, b: CountedDrops) -> None:
         return
     end = min(a.run.first_drop + a.drops, b.run.first_drop + b.drops)
     common = end - max(a.run.first_drop, b.run.first_drop)
-    if common <= 0:
-        return
-    if a.run.sequence() == b.run.sequence():
-        warn(
-            f'{common} drops of A and B are the same (equal part, conditions, engine and seed '
-            f'{a.run.seed}): they are not independent, so the bounds and the p value are invalid'
-        )
-    else:
+    if common > 0:
         warn(
             f'{common} drops of A and B start from the same orientations (seed {a.run.seed}): '
-            'they are not independent, so the bounds and the p value are only rough; use another '
-            'seed'
+            'they are not independent, and bounds and p value do not hold; use another seed'
         )
 
 
@@ -242,11 +186,6 @@ def _fields(given: CountedDrops) -> dict[str, object]:
     }
 
 
-def _listed(ids: Sequence[int]) -> str:
-    more = f' and {len(ids) - MAX_LISTED} more' if len(ids) > MAX_LISTED else ''
-    return (', '.join(map(str, ids[:MAX_LISTED])) or 'none') + more
-
-
 # -- Drift ----------------------------------------------------------------------------------------
 
 
@@ -254,21 +193,17 @@ def _listed(ids: Sequence[int]) -> str:
 class DriftResult(Result):
     """Counted parts beside the simulation, with the test of each window.
 
-    Attributes
-    ----------
-    expected : CountedDrops
+    expected
         The simulated drops by symmetry class.
-    source : str
+    source
         The file of the counted parts.
-    test : DriftTest
+    test
         The windows, their p values, and the deviation of the drifted windows.
-    live : LiveCounts
+    live
         All counted parts with the simulation as the prior.
-    shift : float
-        A deviation of the share of a class.
-    needed : int or None
-        Number of parts in a window that finds this deviation with a probability of 80 %; None if
-        the simulated drops are too few.
+    shift, needed
+        A deviation of the share of a class, and the number of parts in a window that finds it
+        with a probability of 80 %; None if the simulated drops are too few.
     """
 
     expected: CountedDrops
@@ -310,13 +245,6 @@ class DriftResult(Result):
             'parts_needed': self.needed,
         }
 
-    def figure(self) -> 'Figure':
-        """Return the shares in each window."""
-        # This import takes about a second.
-        from resting_aspects_ros.report.drift import drift_figure
-
-        return drift_figure(self.test)
-
 
 def watch_drift(
     expected: DropResult | CountedDrops | str | Path,
@@ -325,8 +253,6 @@ def watch_drift(
     window: int | None = None,
     level: float = LEVEL,
     shift: float = SHIFT,
-    cumulative: bool = False,
-    prior_weight: float = PRIOR_WEIGHT,
     confidence: float = CONFIDENCE,
 ) -> DriftResult:
     """Test whether counted parts still have the shares of the simulation.
@@ -352,16 +278,8 @@ def watch_drift(
         Probability of an alarm in a window without drift, 0.0001 to 0.25.
     shift : float
         The deviation of a class that should be found, 0.0001 to 0.4.
-    cumulative : bool
-        Whether each count in the file is the total since the start.
-    prior_weight : float
-        Weight of the simulated drops in the shares of `DriftResult.live`, in parts.
     confidence : float
         Confidence of the intervals: more than 0.5 and less than 1.
-
-    Returns
-    -------
-    DriftResult
 
     Raises
     ------
@@ -381,7 +299,7 @@ def watch_drift(
     'No drift in 1 window of 200 parts.'
     """
     simulated = counted_by_class(counted_drops(expected))
-    observed = _observed(counts, simulated, cumulative=cumulative)
+    observed = _observed(counts, simulated)
     counted = tuple(sorted(number for group in observed.groups for number in group))
     if simulated.members != counted:
         raise InvalidValueError(
@@ -391,7 +309,7 @@ def watch_drift(
     groups = common_groups(simulated.groups, observed.groups)
     simulated, observed = simulated.grouped(groups), observed.grouped(groups)
     drops = simulated.tally.counts
-    live = LiveCounts(simulated.ids, drops, observed.totals, prior_weight)
+    live = LiveCounts(simulated.ids, drops, observed.totals)
     needed = _needed(drops, observed, shift, level)
     if window is None and needed is None:
         warn(
@@ -427,17 +345,10 @@ def _needed(drops: Counts, observed: ObservedCounts, shift: float, level: float)
 
 
 def _observed(
-    counts: ObservedCounts | str | Path | npt.ArrayLike,
-    simulated: CountedDrops,
-    *,
-    cumulative: bool,
+    counts: ObservedCounts | str | Path | npt.ArrayLike, simulated: CountedDrops
 ) -> ObservedCounts:
     if isinstance(counts, str | Path):
-        return read_observed(
-            Path(counts), simulated.members, cumulative=cumulative, part=simulated.part
-        )
-    if cumulative:
-        raise InvalidValueError('invalid cumulative True: expected only for counts in a file')
+        return read_observed(Path(counts), simulated.members, simulated.part)
     if isinstance(counts, ObservedCounts):
         return counts
     return counts_from_array(counts, simulated.groups)
@@ -446,127 +357,55 @@ def _observed(
 # -- Transitions ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class TransitionComparison:
-    """The share of one transition of a machine beside the simulated share.
-
-    before, after : int
-        Symmetry classes before and after the action.
-    trials, successes : int
-        Parts that were in ``before``, and those of them that came to ``after``.
-    measured, simulated : Interval
-        Share of these parts, and of the simulated actions, each with its Wilson interval. Without
-        simulated actions the share is nan and its interval 0 to 1.
-    difference : float
-        The measured minus the simulated share; nan without simulated actions.
-    lower, upper : float
-        Bounds of the difference: method 10 of Newcombe 1998 (Statistics in Medicine 17:873), the
-        hybrid score interval. They hold for this pair by itself.
-    confidence : float
-        Confidence of all intervals.
-    """
-
-    before: int
-    after: int
-    trials: int
-    successes: int
-    measured: Interval
-    simulated: Interval
-    difference: float
-    lower: float
-    upper: float
-    confidence: float
-
-
 @dataclass(frozen=True, eq=False)
 class MachineTransitions:
     """The transitions that a machine showed, beside the simulated ones.
 
     machine : TransitionMatrix
-        Counts of the machine from each symmetry class (row) to each; counts (c, c + 4). Its
+        Counts of the machine from each of the c symmetry classes (row) to each. Its
         ``probability`` and ``bounds`` are nan and 0 to 1 in a row without counts.
     simulated : TransitionMatrix
         The simulated action, by symmetry class.
-    comparisons : tuple of TransitionComparison
-        Each pair of classes in the rows with counts.
+    difference : (c, c) float
+        The measured minus the simulated share; nan in a row without counts of one of them.
+    lower, upper : (c, c) float
+        Bounds of each difference by itself; see `square_and_add`.
     """
 
     machine: TransitionMatrix
     simulated: TransitionMatrix
-    comparisons: tuple[TransitionComparison, ...]
+    difference: Array
+    lower: Array
+    upper: Array
 
 
-def machine_transitions(
-    counts: str | Path | Iterable[tuple[int, int, int]], simulated: TransitionMatrix
-) -> MachineTransitions:
+def machine_transitions(counts: npt.ArrayLike, simulated: TransitionMatrix) -> MachineTransitions:
     """Return the transition matrix of a machine beside the simulated one.
 
     Parameters
     ----------
-    counts : str, Path or iterable of (int, int, int)
-        For each pair of symmetry classes, the class before an action, the class after it, and the
-        number of parts; or a CSV with the columns ``from``, ``to`` and ``count``. Parts are
-        followed one by one, so that it is known which part was in which class before. A pair
-        without an entry was not seen.
+    counts : (c, c) int
+        Number of parts that came from each symmetry class (row) to each in an action. Parts are
+        followed one by one, so that it is known which part was in which class before.
     simulated : TransitionMatrix
         The same action, over the aspects of the part: a `ReorientResult` has it.
 
     Raises
     ------
     InvalidValueError
-        A class is unknown, a pair occurs twice, a count is not an integer from 0 to MAX_COUNTED,
-        there is no count, or the file has another format.
+        The counts are no integers, there are none, or too many, or the shape is wrong.
     """
-    aspects = simulated.aspects
-    ids = [members[0].symmetry_class for members in aspects.classes()]
-    rows: Iterable[tuple[int, int, int]]
-    if isinstance(counts, str | Path):
-        source, rows = str(counts), read_transitions(Path(counts))
-    else:
-        source, rows = 'counts', counts
-    machine = no_actions(aspects, confidence=simulated.confidence).by_class()
-    found = set()
-    for before, after, count in rows:
-        if before not in ids or after not in ids or (before, after) in found:
-            raise InvalidValueError(
-                f'invalid transition from {shown(before)} to {shown(after)} in {shown(source)}: '
-                f'expected each pair of the classes {", ".join(map(str, ids))} once'
-            )
-        if not (isinstance(count, int | np.integer) and 0 <= count <= MAX_COUNTED):
-            raise InvalidValueError(
-                f'invalid count {shown(count)} from {before} to {after} in {shown(source)}: '
-                f'expected an integer from 0 to {MAX_COUNTED}'
-            )
-        found.add((before, after))
-        machine.counts[ids.index(before), ids.index(after)] = count
-    if not machine.counts.any():
-        raise InvalidValueError(f'invalid counts in {shown(source)}: expected at least one part')
     by_class = simulated.by_class()
-    return MachineTransitions(machine, by_class, tuple(_compared(machine, by_class, ids)))
-
-
-def _compared(
-    machine: TransitionMatrix, simulated: TransitionMatrix, ids: Sequence[int]
-) -> Iterator[TransitionComparison]:
-    """Yield the comparison of each pair of classes in the rows that the machine has counts of."""
-    matrices = machine, dataclasses.replace(simulated, interval=INTERVAL)
-    (a, b), bounds = [m.probability for m in matrices], [m.bounds() for m in matrices]
-    lower, upper = square_and_add(a, bounds[0], b, bounds[1])
-    for i in np.flatnonzero(machine.actions).tolist():
-        for j, after in enumerate(ids):
-            measured, theirs = (
-                Interval(*(float(each[i, j]) for each in (share, *of_share)))
-                for share, of_share in zip((a, b), bounds, strict=True)
-            )
-            yield TransitionComparison(
-                ids[i],
-                after,
-                int(machine.actions[i]),
-                int(machine.counts[i, j]),
-                measured,
-                theirs,
-                float(a[i, j] - b[i, j]),
-                float(lower[i, j]),
-                float(upper[i, j]),
-                simulated.confidence,
-            )
+    c = len(by_class.counts)
+    given = counts_from_array(counts, single_groups(range(1, c + 1)), 'transitions')
+    if given.count.size != c * c:
+        raise InvalidValueError(f'invalid transitions {shown(counts)}: expected {c} rows')
+    machine = no_actions(simulated.aspects, confidence=simulated.confidence).by_class()
+    machine.counts[:, :c] = given.count.reshape(c, c)
+    # Each difference by itself.
+    wilson = dataclasses.replace(by_class, interval=INTERVAL)
+    difference = machine.probability - by_class.probability
+    lower, upper = square_and_add(
+        machine.probability, machine.bounds(), wilson.probability, wilson.bounds()
+    )
+    return MachineTransitions(machine, by_class, difference[:, :c], lower[:, :c], upper[:, :c])

@@ -2,7 +2,7 @@
 
 import dataclasses
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,11 +33,6 @@ def parse_group(text: str) -> tuple[int, ...] | None:
     return tuple(numbers) if len(set(numbers)) == len(numbers) else None
 
 
-def group_name(group: Sequence[int]) -> str:
-    """Return '3+4'."""
-    return '+'.join(map(str, group))
-
-
 def single_groups(ids: Iterable[int]) -> Groups:
     """Return groups of one class each."""
     return tuple((number,) for number in ids)
@@ -58,33 +53,27 @@ def common_groups(one: Groups, other: Groups) -> Groups:
 
 # Maximum size of a file of counts.
 MAX_BYTES = 1 << 26
-# What a message adds where designs instead of counts are compared.
-DESIGNS = 'To compare two designs: `resting_aspects drop OLD.stl NEW.stl`'
 
 
 @dataclass(frozen=True, eq=False)
 class CountedDrops:
     """Counts of drops over aspects, with the description of the run if it is known.
 
-    source : str
+    source
         The file, or another name of the drops for messages.
-    groups : tuple of tuples of int
+    groups
         The k groups of ``tally``, ascending: each has the id of an aspect, or with ``by_class``
         the numbers of the symmetry classes that were counted together.
-    by_class : bool
-        Whether the drops are counted by symmetry class.
     down : (k, 3) float
-        Unit vectors of gravity, part frame; NaN where the part rolls. None if not known.
-    part, part_sha256 : str
-        Empty if not known.
-    run : RunDescription
-        None if not known.
-    classes : tuple of int
-        The symmetry class of each aspect; None if not known.
-    model : ModelRange
-        The model ranges of the groups; None if not known, as for parts that were counted by hand.
-    complete : bool
+        Unit vectors of gravity, part frame; NaN where the part rolls.
+    complete
         False if more drops were requested than are counted.
+    classes
+        The symmetry class of each aspect.
+    model
+        The model ranges of the groups.
+
+    What is not known is None, such as all of these of parts that were counted by hand.
     """
 
     source: str
@@ -92,12 +81,20 @@ class CountedDrops:
     tally: DropCounts
     by_class: bool = False
     down: npt.NDArray[np.float64] | None = None
-    part: str = ''
-    part_sha256: str = ''
     run: RunDescription | None = None
     complete: bool = True
     classes: tuple[int, ...] | None = None
     model: ModelRange | None = None
+
+    @property
+    def part(self) -> str:
+        """The name of the part; empty if it is not known."""
+        return '' if self.run is None else self.run.part
+
+    @property
+    def part_sha256(self) -> str:
+        """Empty if it is not known."""
+        return '' if self.run is None else self.run.part_sha256
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -112,7 +109,7 @@ class CountedDrops:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the groups, such as '3+4' for classes that were counted together."""
-        return tuple(map(group_name, self.groups))
+        return tuple('+'.join(map(str, group)) for group in self.groups)
 
     @property
     def drops(self) -> int:
@@ -122,11 +119,11 @@ class CountedDrops:
     @property
     def title(self) -> str:
         """Return file, part, drops, surface and seed, as far as they are known."""
-        words = [one_line(self.source), *([self.part] if self.part else [])]
-        if self.run is None:
-            return ', '.join([*words, f'{self.drops} drops'])
-        where = conditions_text(self.run.conditions)
-        return ', '.join([*words, f'{self.drops} drops on {where}', f'seed {self.run.seed}'])
+        source, run = one_line(self.source), self.run
+        if run is None:
+            return f'{source}, {self.drops} drops'
+        where = conditions_text(run.conditions)
+        return f'{source}, {run.part}, {self.drops} drops on {where}, seed {run.seed}'
 
     def grouped(self, into: Groups) -> 'CountedDrops':
         """Return the drops with larger groups, each of which contains whole groups."""
@@ -154,8 +151,6 @@ def counts_of_run(
             distribution.failed,
         ),
         down=np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
-        part=run.part,
-        part_sha256=run.part_sha256,
         run=run,
         complete=complete,
         classes=tuple(aspect.symmetry_class for aspect in aspects),
@@ -194,26 +189,18 @@ def counted_by_class(given: CountedDrops, aspects: AspectSet | None = None) -> C
 
 def check_counts(given: CountedDrops) -> None:
     """Raise InvalidValueError if no drop is in an aspect, or if there are too many drops."""
-    if not given.tally.counts.any():
+    if not given.tally.counts.any() or given.drops > MAX_COUNTED:
         raise InvalidValueError(
-            f'invalid counts in {given.source!r}: expected at least one drop in an aspect, found '
-            f'0 of {given.drops} drops'
-        )
-    if given.drops > MAX_COUNTED:
-        raise InvalidValueError(
-            f'invalid number of drops {given.drops} in {given.source!r}: expected at most '
-            f'{MAX_COUNTED}'
+            f'invalid counts in {given.source!r}: expected at least one drop in an aspect, and at '
+            f'most {MAX_COUNTED} drops; found {given.tally.counts.sum()} of {given.drops} drops'
         )
 
 
 def check_same_part(one: tuple[str, str, str], other: tuple[str, str, str]) -> None:
     """Raise InvalidValueError if two results are known to be of different parts.
 
-    Parameters
-    ----------
-    one, other : (str, str, str)
-        The result as messages name it, the name of its part, and its part_sha256; the latter two
-        are empty if they are not known.
+    Each is given as messages name it, with the name of its part and its part_sha256, which are
+    empty if they are not known.
     """
     (result, name, digest), (second, other_name, other_digest) = one, other
     if not digest or not other_digest or digest == other_digest:
@@ -233,14 +220,10 @@ def check_against(given: CountedDrops, part: str, part_sha256: str, aspects: Asp
     check_same_part(
         (f'--against {path!r}', given.part, given.part_sha256), ('the result', part, part_sha256)
     )
-    if given.by_class:
-        what, many = 'a class', 'classes'
-        ids = tuple(sorted({aspect.symmetry_class for aspect in aspects}))
-    else:
-        what, many = 'an aspect', 'aspects'
-        ids = tuple(aspect.id for aspect in aspects)
+    ids = sorted({each.symmetry_class if given.by_class else each.id for each in aspects})
     if given.groups != single_groups(ids):
+        many = 'classes' if given.by_class else 'aspects'
         raise InvalidValueError(
             f'invalid {many} [{", ".join(given.names)}] in --against {path!r}: expected those of '
-            f'{part}, {list(ids)} ({what} that was never seen has count 0)'
+            f'{part}, {ids} (what was never seen has count 0)'
         )

@@ -11,8 +11,7 @@ from resting_aspects_ros.api.conditions import (
     conditions_text,
     given_conditions,
     shipped_surfaces,
-    simulated_shapes,
-    warn_of_surroundings,
+    simulated_pieces,
     with_surroundings,
 )
 from resting_aspects_ros.api.model_range import add_model_range, missing_in, model_range_text
@@ -26,7 +25,6 @@ from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import (
     Consumer,
     Convergence,
-    DropTally,
     Progress,
     Runner,
     StartTally,
@@ -54,6 +52,7 @@ from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution, Placements
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL
 from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,31 +68,23 @@ if TYPE_CHECKING:
 class DropResult(Result):
     """The distribution of a run, with the run, its part and its poses.
 
-    Attributes
-    ----------
-    distribution : Distribution
-        Counts, probabilities and intervals over the aspects.
-    run : RunDescription
-        Conditions, seed, engine and versions.
-    part : Part or None
+    part
         None if only its name and hash are known.
-    complete : bool
+    complete
         Whether all drops that were requested are counted.
-    convergence : Convergence or None
+    convergence
         How far the distribution moves with a finer time step, if that was checked.
-    mesh_file : Path or None
+    mesh_file
         The file from which the part was read, if it was given as a file.
-    history : ((m,) int, (m, k) int) or None
+    history : ((m,) int, (m, k) int)
         Numbers of drops, ascending, and the counts of the k aspects after each number.
-    poses : RestingPoses or None
-        The resting poses, if they were kept.
-    log : Path or None
-        The folder of the log of the run, if one was written.
-    by_state : StartTally or None
+    poses, log
+        The resting poses, if they were kept, and the folder of the log, if one was written.
+    by_state
         Counts by initial state, if the initial states were given.
-    contacts : Placements or None
+    contacts
         Counts by what the parts touch, if the surroundings have walls.
-    no_model_range : str
+    no_model_range
         Why the distribution has no model range, if one was requested.
     """
 
@@ -151,11 +142,11 @@ class DropResult(Result):
         }
         if self.by_state is not None:
             fields['initial_states'] = {
-                'columns': self.by_state.columns,
+                'columns': [*range(1, len(self.distribution.counts) + 1), *OUTCOMES],
                 'counts': self.by_state.counts,
             }
-        if shapes := simulated_shapes(self.part, self.run.conditions):
-            fields |= shapes.document()
+        if pieces := simulated_pieces(self.part, self.run.conditions):
+            fields['convex_pieces'] = pieces.summary()
         if self.contacts is not None:
             fields['contacts'] = contact_rows(self.contacts, self.distribution)
         if self.convergence is not None:
@@ -201,7 +192,6 @@ def drop(
     workers: int | Workers | None = None,
     keep_poses: bool = True,
     log: str | Path | None = None,
-    force: bool = False,
     consumers: Sequence[Consumer] = (),
     progress: Progress = False,
     stopped: Callable[[], bool] = never,
@@ -255,8 +245,6 @@ def drop(
     log : str or Path, optional
         Folder of logs, in which a log of the run is written as drop_recorder writes it; see
         `DropResult.log`. Imports ROS.
-    force : bool
-        Accept a height that looks like a mistake: of more than 500 radii of the part.
     consumers : sequence of callable
         Called with each chunk of poses, in order, and the ids of their aspects, 0 for none.
     progress : bool or callable
@@ -266,10 +254,6 @@ def drop(
         Called often; the drops end when it returns True, and the result is not ``complete``.
     **conditions : float
         Conditions that differ from the surface, in SI units, such as ``height=0.1``.
-
-    Returns
-    -------
-    DropResult
 
     Raises
     ------
@@ -299,8 +283,7 @@ def drop(
             raise InvalidValueError(
                 'invalid replicates or noise: expected only with initial_states'
             )
-        if not force:
-            check_height(loaded, given.height)
+        check_height(loaded, given.height)
         if drops is not None:
             check_drops(drops)
         count = drops or (0 if precision else DEFAULT_DROPS)
@@ -323,7 +306,7 @@ def drop(
         engine=engine,
     )
     if initial_states is not None:
-        by_state = StartTally(planned.empty.aspects, len(initial_states), count)
+        by_state = StartTally(planned.tally.aspects, len(initial_states), count)
     with make_runner(workers, progress, stopped) as runner:
         return make_drops(
             runner,
@@ -339,21 +322,9 @@ def drop(
         )
 
 
-@dataclass(frozen=True)
-class LoggedDrops:
-    """The part and the run of a log, and the range [first, end) of the drops that it has."""
-
-    part: Part
-    run: RunDescription
-    first: int
-    end: int
-
-
 def repeat_log(
-    log: str | Path | LoggedDrops,
-    drops: int | None = None,
+    log: str | Path | tuple[Part, RunDescription],
     *,
-    precision: float = 0.0,
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     check_convergence: bool = False,
@@ -367,42 +338,24 @@ def repeat_log(
 ) -> DropResult:
     """Repeat the drops that a log has, with its part, conditions and seed; imports ROS.
 
-    Warns if the engine, a version or the time step differs from that of the log.
-
-    Parameters
-    ----------
-    log : str, Path or LoggedDrops
-        The folder of a run, or its .mcap file; or what `logged_drops` returns.
-    drops, precision
-        As for `drop`, if another number of drops is requested than the log has.
-    interval, confidence, check_convergence, model_range, engine, workers, keep_poses, consumers
-        As for `drop`.
-    progress, stopped
-        As for `drop`.
-
-    Raises
-    ------
-    InvalidValueError
-        The log cannot be read, or has no drops, or no description of its part.
-    EngineError
-        Worker processes of Bullet cannot be started, or died repeatedly.
+    Warns if the engine, a version or the time step differs from that of the log. ``log`` is the
+    folder of a run, its .mcap file, or what `logged_drops` returned; the other arguments and the
+    errors are those of `drop`.
     """
-    logged = log if isinstance(log, LoggedDrops) else logged_drops(log)
-    part, run = logged.part, logged.run
-    repeats = drops is None and not precision
+    part, run = log if isinstance(log, tuple) else logged_drops(log)
     known = shipped_surfaces().recorded_uncertainty(run.conditions)
     planned = plan_drops(
         part,
         dataclasses.replace(run.conditions, uncertainty=known or ()),
-        drops=logged.end - logged.first if repeats else drops or 0,
+        drops=run.drops,
         seed=run.seed,
-        first_drop=logged.first if repeats else run.first_drop,
-        precision=run.precision if repeats else precision,
-        stop_at=0.0 if repeats else precision,
+        first_drop=run.first_drop,
+        precision=run.precision,
         interval=interval,
         confidence=confidence,
         engine=engine,
     )
+    planned.tally.precision = 0.0  # all drops are repeated
     _warn_of_another_engine(run, planned.run)
     for warning in part.warnings:
         warn(warning)
@@ -421,17 +374,17 @@ def repeat_log(
     return result
 
 
-def logged_drops(log: str | Path) -> LoggedDrops:
-    """Return the drops that can be repeated of a log; raises InvalidValueError. Imports ROS."""
+def logged_drops(log: str | Path) -> tuple[Part, RunDescription]:
+    """Return the part of a log, and the run of exactly the drops in it; InvalidValueError."""
     # This imports ROS, which is not needed without a log.
-    from resting_aspects_ros.run_logs.contents import read_logged_run
+    from resting_aspects_ros.run_logs.contents import LoggedRun
 
     try:
-        logged = read_logged_run(Path(log))
+        logged = LoggedRun(Path(log))
     except LogError as error:
         raise InvalidValueError(str(error)) from None
-    part, (first, end) = logged.part, logged.extent
-    if logged.run is None or first == end:
+    part, drops = logged.part, logged.seen.ranges
+    if logged.run is None or not drops:
         raise InvalidValueError(f'invalid log {str(log)!r}: expected a log with drops')
     if part is None or part.part_sha256 != logged.run.part_sha256:
         raise InvalidValueError(
@@ -439,7 +392,8 @@ def logged_drops(log: str | Path) -> LoggedDrops:
         )
     logged.warn_if_unfinished()
     assert logged.known_run is not None
-    return LoggedDrops(part, logged.known_run, first, end)
+    run, first = logged.known_run, drops[0][0]
+    return part, dataclasses.replace(run, first_drop=first, drops=logged.seen.end - first)
 
 
 def _warn_of_another_engine(before: RunDescription, now: RunDescription) -> None:
@@ -469,7 +423,7 @@ def make_drops(
     mesh: Path | None = None,
 ) -> DropResult:
     """Make planned drops; see `drop`. With ``check``, repeat them with half the time step."""
-    tally = DropTally(planned.empty, planned.run.drops, planned.stop_at)
+    tally = planned.tally
     chunks: list[RestingPoses] = []
     nothing = RestingPoses.none(planned.run.first_drop)
     kept = [lambda poses, _: chunks.append(poses)] if keep_poses else []
@@ -494,9 +448,8 @@ def make_drops(
             reason,
         )
 
-    warn_of_surroundings(planned.run.conditions, part.hull_radius)
     with keep_result(result):
-        with recorded(log, part, planned, tally) as (folder, to_log):
+        with recorded(log, part, planned) as (folder, to_log):
             everything = [*counts, *kept, *to_log, *consumers]
             runner.count(planned.job, planned.run, tally, everything)
             if model_range:
@@ -508,7 +461,7 @@ def make_drops(
                 runner, planned.job, planned.run, tally.distribution
             )
     if tally.complete:
-        warn_if_not_precise(tally.distribution, planned.stop_at)
+        warn_if_not_precise(tally.distribution, tally.precision)
     return result()
 
 
@@ -526,7 +479,7 @@ def warn_if_not_precise(distribution: Distribution, precision: float) -> None:
 
 @contextmanager
 def recorded(
-    folder: str | Path | None, part: Part, planned: PlannedDrops, tally: DropTally
+    folder: str | Path | None, part: Part, planned: PlannedDrops
 ) -> Iterator[tuple[Path | None, list[Consumer]]]:
     """Write a log of drops inside the `with`; yields its folder and what consumes the drops.
 
@@ -543,33 +496,17 @@ def recorded(
         yield log.folder, [log.add]
     except BaseException:
         with suppress(LogError):  # the first error is more informative
-            log.close(tally.distribution, planned.contacts)
+            log.close(planned.tally.distribution, planned.contacts)
         raise
-    log.close(tally.distribution, planned.contacts)
+    log.close(planned.tally.distribution, planned.contacts)
 
 
 def read_log(log: str | Path) -> DropResult:
-    """Read a log of a run, and count its drops.
+    """Read a log, the folder of a run or its .mcap file, and count its drops; imports ROS.
 
-    Imports ROS, which the rest of the Python interface does not need.
-
-    Parameters
-    ----------
-    log : str or Path
-        The folder of a run, or its .mcap file.
-
-    Returns
-    -------
-    DropResult
-        The result; ``poses`` is None if the log does not have all drops.
-
-    Raises
-    ------
-    LogError
-        The log cannot be read.
-    InvalidValueError
-        The file is not a log of a run with its part.
+    ``poses`` of the result is None if the log does not have all drops. Raises LogError if the log
+    cannot be read, and InvalidValueError if it has no run with its part.
     """
     from resting_aspects_ros.run_logs.contents import logged_result
 
-    return logged_result(Path(log), keep_poses=True)
+    return logged_result(Path(log))

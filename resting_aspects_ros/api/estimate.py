@@ -19,7 +19,7 @@ from resting_aspects_ros.aspects.estimate import (
 )
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.drops import against_fields, estimate_document
+from resting_aspects_ros.report.drops import estimate_document
 from resting_aspects_ros.statistics.comparison import (
     Comparison,
     DropCounts,
@@ -38,16 +38,12 @@ SEED = 1
 class EstimateResult(Result):
     """Predictions of the methods for a part.
 
-    Attributes
-    ----------
-    part : Part
-    aspects : AspectSet
-        Aspects of the part; probabilities are in their order.
-    estimates : dict of str to Estimate
-        Prediction of each method that is defined for the part, by method.
-    not_defined : dict of str to str
+    estimates
+        Prediction of each method that is defined for the part, by method, in the order of the
+        aspects.
+    not_defined
         Reason why a method is not defined for the part, by method.
-    against : CountedDrops or None
+    against
         Drops with which the methods are compared.
     """
 
@@ -57,25 +53,19 @@ class EstimateResult(Result):
     not_defined: Mapping[str, str]
     against: 'CountedDrops | None' = None
 
-    def counted(self, *, by_class: bool) -> DropCounts | None:
-        """Return the drops of ``against`` by symmetry class or by aspect; None without them."""
-        if self.against is None:
-            return None
+    def comparisons(self, *, by_class: bool) -> tuple[DropCounts, dict[str, Comparison]]:
+        """Return the drops of ``against``, and their comparison with each method.
+
+        They are by symmetry class, or by aspect if ``against`` counts aspects.
+        """
+        assert self.against is not None
         from resting_aspects_ros.api.counts import counted_by_class
 
-        if by_class or self.against.by_class:
-            return counted_by_class(self.against, self.aspects).tally
-        return self.against.tally
-
-    def comparisons(self, *, by_class: bool) -> dict[str, Comparison]:
-        """Return the comparison of the drops of ``against`` with each method."""
-        counted = self.counted(by_class=by_class)
-        if counted is None or self.against is None:
-            return {}
         by_class = by_class or self.against.by_class
-        return {
+        counted = counted_by_class(self.against, self.aspects) if by_class else self.against
+        return counted.tally, {
             name: compare_with_exact(
-                counted,
+                counted.tally,
                 each.class_probabilities() if by_class else each.probabilities,
                 np.random.default_rng(SEED),
             )
@@ -84,15 +74,7 @@ class EstimateResult(Result):
 
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects estimate --json` prints."""
-        document = estimate_document(self.part, self.estimates, self.not_defined)
-        if (counted := self.counted(by_class=False)) is not None and self.against is not None:
-            document['against'] = against_fields(
-                self.against.source,
-                counted,
-                self.comparisons(by_class=False),
-                by_class=self.against.by_class,
-            )
-        return document
+        return estimate_document(self.part, self.estimates, self.not_defined)
 
 
 def estimate(
@@ -114,10 +96,6 @@ def estimate(
         Names of methods, such as 'csa' or 'rolling'; by default all.
     against : DropResult, str or Path, optional
         Drops of the part to compare with: a result, or a file as for `compare`.
-
-    Returns
-    -------
-    EstimateResult
 
     Raises
     ------

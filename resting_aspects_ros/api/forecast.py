@@ -8,28 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.api.forecast_result import ForecastResult, divided_class_texts
+from resting_aspects_ros.api.forecast_result import ForecastResult
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import PlannedReorient, ReorientResult, plan_reorient
-from resting_aspects_ros.api.runner import Progress, Runner, make_runner, never
+from resting_aspects_ros.api.reorient import ReorientResult, reorient
+from resting_aspects_ros.api.runner import Progress, never
 from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, warn
 from resting_aspects_ros.feeding.footprint import Footprint, Tray, check_fit, free_shares
 from resting_aspects_ros.feeding.forecast import FeederModel, check_minutes, check_number
 from resting_aspects_ros.feeding.forecast import forecast as forecast_rate
 from resting_aspects_ros.feeding.steady_state import CycleTimes
+from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import NamedForecast
+from resting_aspects_ros.report.format import ids_text
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.starts import Action
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.feeding.grasps import Grasp
     from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
-    from resting_aspects_ros.vision.location import Placement
 
 DEFAULT_ACTION = 'flip'
 # Assumed: a pick and place of a small robot, an image with its evaluation, a tray of a small
@@ -73,40 +74,23 @@ def cycle_times(
     return dataclasses.replace(times, place=away)
 
 
-def footprints_of(
-    part: Part,
-    aspects: AspectSet,
-    rows: Sequence[tuple[Aspect, ...]],
-    grasps: Sequence['Grasp'] = (),
-) -> tuple[Footprint, ...]:
-    """Return the rectangle, or the disc, around the outline of each row, with the grips of it."""
+def footprints_of(part: Part, aspects: AspectSet) -> tuple[Footprint, ...]:
+    """Return the rectangle, or the disc, around the outline of each symmetry class."""
     # The import of shapely is only needed here.
-    from resting_aspects_ros.feeding.grasps import grips_of
-
-    placements = placements_of(part, aspects)
-    found = []
-    for row in rows:
-        placement = placements[row[0].symmetry_class - 1]
-        seen, own = placement.outline, grips_of(grasps, placement) if grasps else ()
-        if seen.yaw_symmetry == 0:
-            found.append(Footprint(0.0, 0.0, seen.length / 2, own))
-        else:
-            found.append(Footprint(seen.length, seen.width, 0.0, own))
-    return tuple(found)
-
-
-def placements_of(part: Part, aspects: AspectSet) -> tuple['Placement', ...]:
-    """Return how the part lies in each symmetry class, with its outline."""
-    # The import of shapely is only needed here.
-    from resting_aspects_ros.vision.location import Placement
     from resting_aspects_ros.vision.outline import find_outlines
 
-    return tuple(Placement(part, aspects, each) for each in find_outlines(part, aspects))
+    found = []
+    for seen in find_outlines(part, aspects):
+        if seen.yaw_symmetry == 0:
+            found.append(Footprint(0.0, 0.0, seen.length / 2))
+        else:
+            found.append(Footprint(seen.length, seen.width))
+    return tuple(found)
 
 
 def check_tray(part: Part, aspects: AspectSet, tray: Tray, number: int | None) -> None:
     """Raise InvalidValueError if the part, or the number of parts, does not fit on the tray."""
-    footprints = footprints_of(part, aspects, aspects.classes())
+    footprints = footprints_of(part, aspects)
     check_fit(tray, footprints)
     if number is not None:
         check_number('number of parts on the tray', number)
@@ -128,12 +112,11 @@ def forecast(
     tray: tuple[float, float] = TRAY,
     clearance: float = CLEARANCE,
     gripper: Footprint | None = None,
-    grasps: Sequence['Grasp'] = (),
     parts_on_tray: int | None = None,
     max_picks: int | None = None,
     minutes: float = 60.0,
     action: str | Action | NamedAction = DEFAULT_ACTION,
-    controller: bool = False,
+    per_aspect: int = PER_ASPECT,
     workers: int | Workers | None = None,
     progress: Progress = False,
     stopped: Callable[[], bool] = never,
@@ -149,7 +132,8 @@ def forecast(
         A part, or what `load_part` accepts; or the result of `reorient`, whose action and
         conditions then hold, and which is not simulated again.
     pickable : sequence of int, optional
-        Ids of the aspects in which the robot can pick the part.
+        Ids of the aspects in which the robot can pick the part. Aspects of a symmetry class look
+        the same: if one is pickable, all are.
     pickable_classes : sequence of int, optional
         Numbers of symmetry classes instead.
     robot : float
@@ -172,9 +156,6 @@ def forecast(
     gripper : Footprint, optional
         What the gripper covers, centred on the part and turned with it; no other part may be in
         it.
-    grasps : sequence of Grasp
-        Grasps of the part, see `load_grasps`: instead of ``gripper``, a part can be picked if no
-        other part is in the footprint of one of them.
     parts_on_tray : int, optional
         By default the number with the highest rate.
     max_picks : int, optional
@@ -183,13 +164,12 @@ def forecast(
         Duration of a run, for the prediction interval.
     action : str, Action or NamedAction
         What the feeder does to the parts before each image.
-    controller : bool
-        Also simulate runs in which feeder_controller decides; see `forecast_controlled`.
+    per_aspect : int
+        Number of simulated actions from each aspect.
     workers, progress, stopped
         As for `drop`.
     **simulation
-        ``per_aspect`` (by default 200), ``drops``, ``surface``, ``seed``, ``confidence`` and
-        conditions, as for `reorient`.
+        ``drops``, ``surface``, ``seed``, ``confidence`` and conditions, as for `reorient`.
 
     Raises
     ------
@@ -203,7 +183,7 @@ def forecast(
     Examples
     --------
     >>> import resting_aspects_ros as ra
-    >>> result = ra.forecast('tetrahedron', [1, 2], drops=50, per_aspect=20, seed=1)
+    >>> result = ra.forecast('tetrahedron', [1, 2, 3, 4], drops=50, per_aspect=20, seed=1)
     >>> result.limited_by
     'robot'
     """
@@ -211,81 +191,16 @@ def forecast(
         raise InvalidValueError(
             'invalid pickable aspects: expected either pickable or pickable_classes'
         )
-    return forecast_each(
-        [(part, [(pickable, pickable_classes)])],
-        robot=robot,
-        vibrate=vibrate,
-        settle=settle,
-        image=image,
-        supply=supply,
-        overlap=overlap,
-        place=place,
-        tray=tray,
-        clearance=clearance,
-        gripper=gripper,
-        grasps=grasps,
-        parts_on_tray=parts_on_tray,
-        max_picks=max_picks,
-        minutes=minutes,
-        action=action,
-        controller=controller,
-        workers=workers,
-        progress=progress,
-        stopped=stopped,
-        **simulation,
-    )[0]
-
-
-# Ids of pickable aspects, or numbers of pickable symmetry classes.
-Pickable = tuple[Sequence[int] | None, Sequence[int] | None]
-
-
-def forecast_each(
-    requests: Sequence[tuple[Part | str | Path | ReorientResult, Sequence[Pickable]]],
-    *,
-    workers: int | Workers | None = None,
-    progress: Progress = False,
-    stopped: Callable[[], bool] = never,
-    **options: Any,
-) -> list[ForecastResult]:
-    """Forecast as `forecast` does for each part and each of its sets of pickable aspects.
-
-    All input is checked before the first simulation, and each part is simulated once. ``options``
-    are the other arguments of `forecast`.
-    """
-    planned = [plan_forecasts(part, sets, **options) for part, sets in requests]
-    with make_runner(workers, progress, stopped) as runner:
-        return [result for make in planned for result in make(runner)]
-
-
-def plan_forecasts(
-    part: Part | str | Path | ReorientResult,
-    sets: Sequence[Pickable],
-    *,
-    robot: float = ROBOT,
-    vibrate: float | None = None,
-    settle: float | None = None,
-    image: float = IMAGE,
-    supply: float = 0.0,
-    overlap: bool = False,
-    place: float | None = None,
-    tray: tuple[float, float] = TRAY,
-    clearance: float = CLEARANCE,
-    gripper: Footprint | None = None,
-    grasps: Sequence['Grasp'] = (),
-    parts_on_tray: int | None = None,
-    max_picks: int | None = None,
-    minutes: float = 60.0,
-    action: str | Action | NamedAction = DEFAULT_ACTION,
-    controller: bool = False,
-    per_aspect: int = PER_ASPECT,
-    **simulation: Any,
-) -> Callable[[Runner], list[ForecastResult]]:
-    """Check the forecasts of a part; see `forecast`. Returns what simulates and forecasts them.
-
-    It raises StoppedError if the runner is stopped.
-    """
-    named = part.action if isinstance(part, ReorientResult) else named_action(action)
+    if isinstance(part, ReorientResult):
+        if simulation or action != DEFAULT_ACTION or per_aspect != PER_ASPECT:
+            raise InvalidValueError(
+                'invalid action or conditions: expected none with the result of reorient, which '
+                'has its own'
+            )
+        named, loaded, aspects = part.action, part.part, part.matrix.aspects
+    else:
+        named, loaded = named_action(action), given_part(part)
+        aspects = find_aspects(loaded)
     times = cycle_times(
         named,
         robot=robot,
@@ -300,65 +215,37 @@ def plan_forecasts(
     check_minutes(minutes)
     if max_picks is not None:
         check_number('maximum number of picks', max_picks)
-    reorientation: PlannedReorient | ReorientResult
-    if isinstance(part, ReorientResult):
-        if simulation or action != DEFAULT_ACTION or per_aspect != PER_ASPECT:
-            raise InvalidValueError(
-                'invalid action or conditions: expected none with the result of reorient, which '
-                'has its own'
-            )
-        reorientation, aspects = part, part.matrix.aspects
-    else:
-        reorientation = plan_reorient(part, [named], per_aspect, **simulation)
-        aspects = reorientation.aspects
-    loaded = reorientation.part
     check_tray(loaded, aspects, cell, parts_on_tray)
-    pickable = [aspects.chosen(*each, 'pickable') for each in sets]
-    if grasps:
-        # The import of shapely is only needed here.
-        from resting_aspects_ros.feeding.grasps import check_grasps
-
-        for each in pickable:
-            check_grasps(grasps, placements_of(loaded, aspects), each)
-    _check_divided(loaded, aspects, pickable, controller=controller)
-
-    def make(runner: Runner) -> list[ForecastResult]:
-        known = reorientation
-        result = known if isinstance(known, ReorientResult) else known.make(runner)[0]
-        found = []
-        for ids in pickable:
-            if runner.stopped():
-                raise StoppedError('interrupted; there is no forecast')
-            each = forecast_from(
-                result,
-                ids,
-                cell,
-                times,
-                parts_on_tray=parts_on_tray,
-                max_picks=max_picks,
-                minutes=minutes,
-                grasps=grasps,
+    ids = aspects.chosen(pickable, pickable_classes, 'pickable')
+    for members in aspects.classes():
+        if 0 < sum(aspect.id in ids for aspect in members) < len(members):
+            warn(
+                f'{loaded.name}: aspects {ids_text(members)} look the same, so all of them count '
+                'as pickable'
             )
-            if controller:
-                each = dataclasses.replace(each, controlled=forecast_controlled(each))
-            found.append(each)
-        return found
-
-    return make
-
-
-def _check_divided(
-    part: Part, aspects: AspectSet, pickable: Sequence[tuple[int, ...]], *, controller: bool
-) -> None:
-    """Warn of symmetry classes that are pickable in part; InvalidValueError for the controller."""
-    divided = dict.fromkeys(text for ids in pickable for text in divided_class_texts(aspects, ids))
-    if divided and controller:
-        raise InvalidValueError(
-            f'invalid pickable aspects {list(pickable[0])}: expected all aspects of a symmetry '
-            'class, which a camera cannot tell apart, for runs in which the controller decides'
+    if isinstance(part, ReorientResult):
+        result = part
+    else:
+        result = reorient(
+            loaded,
+            named,
+            per_aspect,
+            workers=workers,
+            progress=progress,
+            stopped=stopped,
+            **simulation,
         )
-    for text in divided:
-        warn(f'{part.name}: {text}; pickable classes request whole classes')
+    if stopped():
+        raise StoppedError('interrupted; there is no forecast')
+    return forecast_from(
+        result,
+        result.matrix.aspects.chosen(pickable, pickable_classes, 'pickable'),
+        cell,
+        times,
+        parts_on_tray=parts_on_tray,
+        max_picks=max_picks,
+        minutes=minutes,
+    )
 
 
 def forecast_from(
@@ -370,31 +257,24 @@ def forecast_from(
     parts_on_tray: int | None = None,
     max_picks: int | None = None,
     minutes: float = 60.0,
-    grasps: Sequence['Grasp'] = (),
 ) -> ForecastResult:
-    """Forecast from simulated drops and actions; see `forecast`. ``pickable`` are ids.
+    """Forecast from simulated drops and actions; see `forecast`.
 
-    If whole symmetry classes are pickable, the forecast uses the counts by class.
+    ``pickable`` are ids of aspects. The forecast is by symmetry class: all aspects of a class are
+    pickable, or none.
     """
     aspects = result.matrix.aspects
     ids = set(aspects.chosen(pickable, None, 'pickable'))
-    classes = aspects.classes()
-    by_class = all(
-        ids.issuperset(members) or ids.isdisjoint(members)
-        for members in ({aspect.id for aspect in alike} for alike in classes)
+    classes, view = aspects.classes(), result.by_class()
+    mask = [any(aspect.id in ids for aspect in members) for members in classes]
+    ids.update(
+        a.id for members, wanted in zip(classes, mask, strict=True) if wanted for a in members
     )
-    if grasps:
-        # The import of shapely is only needed here.
-        from resting_aspects_ros.feeding.grasps import check_grasps
-
-        check_grasps(grasps, placements_of(result.part, aspects), sorted(ids))
-    rows = classes if by_class else [(aspect,) for aspect in aspects]
-    view = result.by_class() if by_class else result
     model = FeederModel(
         drop=view.drop.counts,
         transitions=view.matrix.counts,
-        pickable=np.array([row[0].id in ids for row in rows]),
-        footprints=footprints_of(result.part, aspects, rows, grasps),
+        pickable=np.array(mask),
+        footprints=footprints_of(result.part, aspects),
         tray=tray,
         times=times,
         max_picks=max_picks,
@@ -406,7 +286,7 @@ def forecast_from(
         confidence=result.matrix.confidence,
         seed=result.run.seed,
     )
-    named = NamedForecast(result.run.part, result.action.name, tuple(rows), model, found)
+    named = NamedForecast(result.run.part, result.action.name, tuple(classes), model, found)
     return ForecastResult(result, tuple(sorted(ids)), named)
 
 
@@ -461,43 +341,39 @@ def forecast_controlled(result: ForecastResult, minutes: float | None = None) ->
     """Forecast the parts per minute if feeder_controller decides, instead of the fixed cycle.
 
     Runs of the controller are simulated, with the outlines of the parts on the tray, which takes
-    about 10 s. Parts with grasps, or with a gripper, are represented by rectangles.
+    about 10 s.
 
     Parameters
     ----------
     result : ForecastResult
-        By symmetry class: whole classes are pickable.
     minutes : float, optional
         Duration of a run, which begins with an empty tray; by default that of the forecast.
 
     Raises
     ------
     InvalidValueError
-        ``minutes`` is out of bounds, or only a part of a class is pickable.
+        ``minutes`` is out of bounds, or there is a gripper.
     """
     # These imports are only needed here.
     from resting_aspects_ros.feeding.control import controller_model
     from resting_aspects_ros.feeding.tray_simulation import forecast_controller
+    from resting_aspects_ros.vision.outline import find_outlines
     from resting_aspects_ros.vision.tray_image import OutlinePlaces
 
     named, found = result.named, result.named.forecast
     part, aspects = result.reorientation.part, result.reorientation.matrix.aspects
-    if len(named.rows) != len(aspects.classes()):
+    if named.model.tray.gripper is not None:
         raise InvalidValueError(
-            f'invalid pickable aspects {list(result.pickable)}: expected all aspects of a '
-            'symmetry class, which a camera cannot tell apart'
+            f'invalid gripper {named.model.tray.gripper.text}: expected none, as '
+            'feeder_controller only knows a clearance'
         )
     seed = result.reorientation.run.seed
     model = controller_model(named.model, number=found.number, seed=seed)
-    tray, footprints = named.model.tray, named.model.footprints
-    places = None
-    if tray.gripper is None and not any(each.grips for each in footprints):
-        outlines = [each.outline for each in placements_of(part, aspects)]
-        places = partial(OutlinePlaces, outlines, tray.size)
+    places = partial(OutlinePlaces, find_outlines(part, aspects), model.feeder.tray.size)
     return forecast_controller(
         model,
+        places,
         found.minutes if minutes is None else minutes,
-        places=places,
         confidence=result.reorientation.matrix.confidence,
         seed=seed,
     )

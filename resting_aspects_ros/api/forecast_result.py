@@ -3,33 +3,29 @@
 import dataclasses
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import combinations
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resting_aspects_ros.api.conditions import condition_facts, surface_text
-from resting_aspects_ros.api.pages import part_facts, run_facts, warning_notes
+from resting_aspects_ros.api.conditions import surface_text
+from resting_aspects_ros.api.pages import part_facts, run_facts, surface_facts, warning_notes
 from resting_aspects_ros.api.reorient import ReorientResult
-from resting_aspects_ros.api.result import Result, save_figure
+from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import (
+    FORECAST_NOTE,
     NamedForecast,
-    controlled_fields,
-    curve_table,
+    cell_text,
     forecast_fields,
     forecast_figure,
-    forecast_note,
     forecast_notes,
     forecast_sentence,
     forecast_table,
     mix_table,
     range_text,
 )
-from resting_aspects_ros.report.format import ids_text, numbers_text
+from resting_aspects_ros.report.format import numbers_text
 from resting_aspects_ros.report.page import (
     Chart,
-    Fold,
     Item,
     Page,
     Section,
@@ -40,105 +36,29 @@ from resting_aspects_ros.report.page import (
 from resting_aspects_ros.report.transitions import matrix_fields
 
 if TYPE_CHECKING:
-    from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
-
-# -- Look-alikes ----------------------------------------------------------------------------------
-
-
-def divided_class_texts(aspects: AspectSet, pickable: Collection[int]) -> list[str]:
-    """Return a sentence for each symmetry class of which only some aspects are pickable.
-
-    Its aspects look the same and lie in the same way, so a robot cannot pick only some of them.
-    """
-    texts = []
-    for members in aspects.classes():
-        inside = tuple(aspect for aspect in members if aspect.id in pickable)
-        outside = tuple(aspect for aspect in members if aspect.id not in pickable)
-        if inside and outside:
-            many, other = ('s' if len(each) > 1 else '' for each in (inside, outside))
-            texts.append(
-                f'the aspects {ids_text(members)} of class {members[0].symmetry_class} look the '
-                f'same: a robot that picks aspect{many} {ids_text(inside)} also picks '
-                f'aspect{other} {ids_text(outside)}, which {"are" if other else "is"} not '
-                'requested as pickable'
-            )
-    return texts
+    from matplotlib.figure import Figure
 
 
 def look_alike_texts(part: Part, aspects: AspectSet, pickable: Collection[int]) -> list[str]:
-    """Return a sentence for each group of classes that look alike and are not all pickable.
+    """Return a sentence for each group of classes with one outline that are pickable in part."""
+    # The import of shapely is only needed here.
+    from resting_aspects_ros.vision.outline import find_outlines, look_alikes, same_groups
 
-    These are the classes with the same outline or its mirror image; see `look_alikes`.
-    """
     picked = {
         members[0].symmetry_class
         for members in aspects.classes()
         if all(aspect.id in pickable for aspect in members)
     }
-    same, mirrored = _groups(part, aspects)
-    texts = [
-        f'A camera sees the same outline of {names}: the forecast assumes that vision '
-        'distinguishes them in another way.'
-        for group in same
-        if (names := _picked_text(group, group, picked))
-    ]
-    texts += [
-        f'The outlines of {names}, are mirror images: vision must not match mirrored outlines.'
-        for one, other in mirrored
-        for pair in ((one, other), (other, one))
-        if (names := _picked_text(*pair, picked))
-    ]
+    texts = []
+    for group in same_groups(look_alikes(find_outlines(part, aspects))):
+        inside = [number for number in group if number in picked]
+        if 0 < len(inside) < len(group):
+            texts.append(
+                f'A camera sees the same outline of classes {numbers_text(group)}, of which only '
+                f'{numbers_text(inside)} can be picked: the forecast assumes that vision '
+                'distinguishes them in another way.'
+            )
     return texts
-
-
-def counted_apart_texts(
-    part: Part, aspects: AspectSet, groups: Collection[Collection[int]]
-) -> list[str]:
-    """Return a sentence for each group of classes with the same outline that are counted apart.
-
-    groups : the symmetry classes that were counted together
-    """
-    return [
-        f'If a camera counts, classes {numbers_text(group)} have the same outline, and can be '
-        f'counted together as {"+".join(map(str, group))}.'
-        for group in _groups(part, aspects)[0]
-        if len(group) > 1 and not any(set(group) <= set(each) for each in groups)
-    ]
-
-
-def _picked_text(one: Sequence[int], other: Sequence[int], picked: Collection[int]) -> str:
-    """Return the pickable classes of a group, and those of another that are not; can be empty."""
-    inside = [number for number in one if number in picked]
-    outside = [number for number in other if number not in picked]
-    if not (inside and outside):
-        return ''
-    first, second = (
-        f'class{"es" if len(each) > 1 else ""} {numbers_text(each)}, which '
-        f'{"are" if len(each) > 1 else "is"}'
-        for each in (inside, outside)
-    )
-    return f'{first} pickable, and {second} not'
-
-
-def _groups(
-    part: Part, aspects: AspectSet
-) -> tuple[list[tuple[int, ...]], list[tuple[tuple[int, ...], tuple[int, ...]]]]:
-    """Return the groups of classes with one outline, and the pairs of groups that are mirrored."""
-    # The import of shapely is only needed here.
-    from resting_aspects_ros.vision.outline import find_outlines, look_alikes, same_groups
-
-    found = look_alikes(find_outlines(part, aspects))
-    groups = same_groups(found)
-    mirrored = [
-        (one, other)
-        for one, other in combinations(groups, 2)
-        for entry in found[one[0]]
-        if entry.symmetry_class == other[0] and entry.verdict == 'mirrored'
-    ]
-    return groups, mirrored
-
-
-# -- Results --------------------------------------------------------------------------------------
 
 
 PAGE, FIGURE = 'forecast.html', 'forecast'
@@ -166,17 +86,14 @@ class ForecastResult(Result):
     reorientation : ReorientResult
         The drops and the action that the forecast follows from.
     pickable : tuple of int
-        Ids of the aspects in which the robot can pick the part.
+        Ids of the aspects in which the robot can pick the part, of whole symmetry classes.
     named : NamedForecast
         The model of the feeder, ``named.model``, and all numbers, ``named.forecast``.
-    controlled : ControlledRuns or None
-        What `forecast_controlled` returned, if it was requested.
     """
 
     reorientation: ReorientResult
     pickable: tuple[int, ...]
     named: NamedForecast
-    controlled: 'ControlledRuns | None' = None
 
     @property
     def parts_per_minute(self) -> float:
@@ -192,21 +109,6 @@ class ForecastResult(Result):
     def upper(self) -> float:
         """Upper bound of the parts per minute in the long run."""
         return self.named.forecast.upper
-
-    @property
-    def model_lower(self) -> float:
-        """Lower bound of the parts per minute if the assumptions of the model may be broken."""
-        return self.named.forecast.wide[0]
-
-    @property
-    def model_upper(self) -> float:
-        """Upper bound of the parts per minute if the assumptions of the model may be broken."""
-        return self.named.forecast.wide[1]
-
-    @property
-    def prediction(self) -> tuple[float, float]:
-        """Interval of the parts per minute of a run of the given duration."""
-        return self.named.forecast.prediction
 
     @property
     def best_number(self) -> int | None:
@@ -249,35 +151,35 @@ class ForecastResult(Result):
             **{name: base[name] for name in _SHARED},
             'pickable': list(self.pickable),
             **forecast_fields(self.named),
-            'controller': None if self.controlled is None else controlled_fields(self.controlled),
             'transitions': matrix_fields(found.matrix),
             'alternatives': [each.document() for each in alternatives],
         }
 
+    def figure(self, alternatives: 'Sequence[ForecastResult]' = ()) -> 'Figure':
+        """Return the curves of this forecast and of its alternatives."""
+        results = [self, *alternatives]
+        title = f'{_parts_text(results)}, {_subtitle(self)}'
+        return forecast_figure([each.named for each in results], title)
+
     def page(self, alternatives: 'Sequence[ForecastResult]' = ()) -> Page:
         """Return a page with the curves and all numbers."""
-        return forecast_page([self, *alternatives])
-
-
-def forecast_page(results: Sequence[ForecastResult]) -> Page:
-    """Return a page on one or several forecasts."""
-    first = results[0]
-    parts = {each.reorientation.run.part: each.reorientation for each in results}
-    return Page(
-        file=PAGE,
-        title=', '.join(parts),
-        topic='parts per minute',
-        lead='How many parts per minute a robot picks from the tray',
-        subtitle=_subtitle(first),
-        sections=[
-            Section('Parts per minute', 'rate', list(_rate_items(results))),
-            Section('What lies on the tray', 'mix', list(_mix_items(results))),
-        ],
-        reading=reading('forecast'),
-        facts=_facts(first, parts),
-        notes=[note for found in parts.values() for note in warning_notes(found.part)],
-        names=FILES,
-    )
+        results = [self, *alternatives]
+        parts = {each.reorientation.run.part: each.reorientation for each in results}
+        return Page(
+            file=PAGE,
+            title=', '.join(parts),
+            topic='parts per minute',
+            lead='How many parts per minute a robot picks from the tray',
+            subtitle=_subtitle(self),
+            sections=[
+                Section('Parts per minute', 'rate', list(_rate_items(results))),
+                Section('What lies on the tray', 'mix', list(_mix_items(results))),
+            ],
+            reading=reading('forecast'),
+            facts=_facts(self, parts),
+            notes=[note for found in parts.values() for note in warning_notes(found.part)],
+            names=FILES,
+        )
 
 
 def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
@@ -288,13 +190,14 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
         yield Text(f'{name}{forecast_sentence(each)}.', 'verdict')
     for note in dict.fromkeys(note for each in forecasts for note in forecast_notes(each)):
         yield Text(note, 'note')
-    title = f'{_parts_text(results)}, {_subtitle(results[0])}'
+    yield cell_text(forecasts[0])
+    first, *others = results
     yield Chart(
         FIGURE,
         'Line charts of parts per minute and of cycles without a pick against the number of parts',
         partial(forecast_figure, forecasts, ''),
-        forecast_note(forecasts),
-        partial(forecast_figure, forecasts, title),
+        FORECAST_NOTE,
+        partial(first.figure, others),
     )
     yield forecast_table(forecasts)
     for each in forecasts:
@@ -306,10 +209,6 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
         f'confidence. The parts of a single run of {forecasts[0].forecast.minutes:g} minutes vary '
         'more.'
     )
-    folded: list[Item] = []
-    for each in forecasts:
-        folded += [*([Text(each.title, 'part')] if several else []), curve_table(each)]
-    yield Fold('all numbers of parts', folded)
 
 
 def _mix_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
@@ -328,22 +227,17 @@ def _facts(
     first: ForecastResult, parts: Mapping[str, ReorientResult]
 ) -> dict[str, list[tuple[str, str]]]:
     conditions = first.reorientation.run.conditions
-    facts = {'Feeder, camera and robot': list(_cell_facts(first))}
+    facts = {}
     for name, found in parts.items():
         label = f' {name}' if len(parts) > 1 else ''
         facts[f'Part{label}'] = part_facts(found.part, found.run, found.matrix.aspects)
         facts[f'Run{label}'] = [
             *run_facts(found.run, int(found.matrix.actions.sum()), 'actions'),
             ('number of drops', str(found.drop.drops)),
+            ('action', found.action.text),
         ]
-    facts['Conditions'] = [('surface', surface_text(conditions)), *condition_facts(conditions)]
+    facts['Conditions'] = surface_facts(conditions)
     return facts
-
-
-def save_forecast_picture(results: Sequence[ForecastResult], path: Path) -> None:
-    """Write the curves as PNG; raises OutputError."""
-    title = f'{_parts_text(results)}, {_subtitle(results[0])}'
-    save_figure(forecast_figure([each.named for each in results], title), path)
 
 
 def _parts_text(results: Sequence[ForecastResult]) -> str:
@@ -354,20 +248,3 @@ def _subtitle(result: ForecastResult) -> str:
     run = result.reorientation.run
     action = result.reorientation.action.name
     return f'{action} on {surface_text(run.conditions)}, seed {run.seed}'
-
-
-def _cell_facts(result: ForecastResult) -> Iterator[tuple[str, str]]:
-    """Yield label and value of the times, the tray and the gripper."""
-    model, action = result.named.model, result.reorientation.action
-    times, tray = model.times, model.tray
-    yield 'action', f'{action.name}: {action.text}'
-    yield 'robot, from pick to pick', f'{times.robot:g} s'
-    yield 'motion of the feeder', f'{times.vibrate:g} s'
-    yield 'until the parts are at rest', f'{times.settle:g} s'
-    yield 'image', f'{times.image:g} s'
-    yield 'supply of a part', f'{times.supply:g} s'
-    yield 'overlap of feeder and robot', f'{times.overlap:g} s' if times.place else 'none'
-    yield 'tray', ' x '.join(f'{1000 * side:g}' for side in tray.size) + ' mm'
-    yield 'clearance', f'{1000 * tray.clearance:g} mm'
-    yield 'footprint of the gripper', tray.gripper.text if tray.gripper else 'none'
-    yield 'maximum number of picks', str(model.max_picks or 'all free parts')

@@ -26,16 +26,8 @@ MIN_DRAWS = 8
 # Number of counted parts whose interval is half as wide as the range; see
 # docs/explanation/trust.md.
 ENOUGH_COUNTED = 200
-
-# Why there is no model range.
-OF_STATES = 'it is known for random releases, and these drops start from given states'
-OF_SURROUNDINGS = (
-    'the error of the model was measured on level surfaces only, and these surroundings are not'
-)
+# Why parts after an action have no model range.
 OF_ACTIONS = 'it is known for drops, and these parts undergo actions'
-OF_STOPPED = 'the run was stopped'
-OF_IMPOSSIBLE = 'the part cannot be released under most of the conditions that are possible'
-OF_UNKNOWN = 'the uncertainty of this surface is not recorded'
 
 
 def missing_in(run: RunDescription, surfaces: Surfaces | None = None) -> str:
@@ -43,14 +35,20 @@ def missing_in(run: RunDescription, surfaces: Surfaces | None = None) -> str:
     if missing := missing_at(run.conditions):
         return missing
     known = shipped_surfaces() if surfaces is None else surfaces
-    return OF_UNKNOWN if known.recorded_uncertainty(run.conditions) is None else ''
+    recorded = known.recorded_uncertainty(run.conditions)
+    return 'the uncertainty of this surface is not recorded' if recorded is None else ''
 
 
 def missing_at(conditions: DropConditions, *, acted: bool = False) -> str:
     """Return why drops, perhaps with an action after them, have no model range; can be empty."""
     if acted:
         return OF_ACTIONS
-    return '' if conditions.surroundings is None else OF_SURROUNDINGS
+    if conditions.surroundings is None:
+        return ''
+    return (
+        'the error of the model was measured on level surfaces only, and these surroundings are '
+        'not'
+    )
 
 
 def model_range_text(model: ModelRange | None, missing: str = '') -> str:
@@ -91,18 +89,19 @@ def add_model_range(
     if not distribution.drops:
         return distribution, ''
     if job.starts is not None:
-        return distribution, OF_STATES
+        why = 'it is known for random releases, and these drops start from given states'
+        return distribution, why
     if missing := missing_at(job.conditions):
         return distribution, missing
     uncertainty, draws = job.conditions.uncertainty, None
     if uncertainty:
         jobs = list(_jobs(part, job))
         if len(jobs) < min(MIN_DRAWS, len(uncertainty)):
-            return distribution, OF_IMPOSSIBLE
+            return distribution, 'the part cannot be released under most conditions'
         if (ids := _drops_at(distribution, jobs, workers, stopped)) is not None:
             draws = Draws(ids, job.conditions.uncertain, about=job.engine != BULLET)
     if stopped() or (uncertainty and draws is None):
-        return distribution, OF_STOPPED
+        return distribution, 'the run was stopped'
     return with_model_range(distribution, draws), ''
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from resting_aspects_ros.api.result import Result, check_files, whole_file
+from resting_aspects_ros.api.result import Result, make_folder, whole_file
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError, shown
@@ -78,19 +78,14 @@ class OutlinesResult(Result):
             A file cannot be written.
         """
         folder = Path(folder)
-        self.check_output('folder', folder, px_per_mm)
+        check_px_per_mm(self.outlines, px_per_mm)
+        make_folder('folder', folder)
         written = []
         for name, data in self._files(px_per_mm):
             with whole_file(folder / name) as file:
                 file.write_bytes(data)
             written.append(folder / name)
         return written
-
-    def check_output(self, flag: str, folder: Path, px_per_mm: float) -> None:
-        """Make the folder; raises InvalidValueError if `save` could not write into it."""
-        check_px_per_mm(self.outlines, px_per_mm)
-        files = (DOCUMENT, COCO, *(f'class_{k}.svg' for k in self.look_alikes))
-        check_files(flag, folder, files)
 
     def _files(self, px_per_mm: float) -> Iterator[tuple[str, bytes]]:
         """Yield name and content of each file, the description of the images last."""

@@ -11,11 +11,10 @@ from resting_aspects_ros.api.conditions import (
     condition_facts,
     conditions_text,
     contact_planes,
-    has_level_floor,
     outcome_hints,
+    pieces_text,
     scene_of,
-    simulated_shapes,
-    surface_text,
+    simulated_pieces,
     when_text,
 )
 from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
@@ -39,8 +38,6 @@ from resting_aspects_ros.report.format import (
 )
 from resting_aspects_ros.report.page import (
     Chart,
-    Facts,
-    Fold,
     Item,
     Page,
     Section,
@@ -49,28 +46,23 @@ from resting_aspects_ros.report.page import (
     picture_uri,
     reading,
 )
-from resting_aspects_ros.report.picture import picture_part
-from resting_aspects_ros.report.scene_picture import contact_image
+from resting_aspects_ros.report.picture import contact_image, picture_part
 from resting_aspects_ros.report.table import Table
-from resting_aspects_ros.report.transition_figures import (
-    retention_figure,
-    retention_note,
-    transition_figure,
-    transition_note,
-)
 from resting_aspects_ros.report.transitions import (
-    interval_table,
     long_run_table,
     long_run_text,
     plan_table,
-    retention_counts_table,
+    retention_figure,
+    retention_note,
     retention_table,
     suffix_of,
     table_rows,
+    transition_figure,
+    transition_note,
+    transition_table,
     wanted_table,
 )
-from resting_aspects_ros.simulation.actions import TIME, NamedAction
-from resting_aspects_ros.simulation.conditions import QUANTITIES, DropConditions, quantities_of
+from resting_aspects_ros.simulation.conditions import DropConditions, quantities_of
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import (
     BODY_VALUES,
@@ -123,7 +115,7 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
         facts=_facts(result),
         history=result.history,
         range_text=result.range_text,
-        level_floor=has_level_floor(result.run.conditions),
+        level_floor=level,
         **more,
     )
 
@@ -139,11 +131,10 @@ def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, 
     classes = result.distribution.aspects.classes()
     sides = ComparedResults(
         tuple(members[0].symmetry_class for members in classes),
-        None,
+        tuple(map(ids_text, classes)),
         counted,
         tally,
         'class',
-        tuple(map(ids_text, classes)),
         ('simulated', printable(Path(against.source).name)),
         (own.model, against.model),
     )
@@ -155,8 +146,7 @@ def _notes(result: 'DropResult') -> Iterator[str]:
     if not result.complete:
         goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
         yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
-    radius = result.part.hull_radius if result.part is not None else None
-    yield from outcome_hints(result.distribution, run.conditions, radius)
+    yield from outcome_hints(result.distribution, run.conditions)
     if result.convergence is not None:
         yield result.convergence.text().replace('\n', ' ')
     if result.part is None:
@@ -177,10 +167,7 @@ def _facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
     run, distribution = result.run, result.distribution
     return {
         'Part': part_facts(result.part, run, distribution.aspects),
-        'Conditions': [
-            ('surface', surface_text(run.conditions)),
-            *condition_facts(run.conditions),
-        ],
+        'Conditions': surface_facts(run.conditions),
         **_surroundings_facts(result),
         'Run': [
             *run_facts(run, distribution.drops, 'drops'),
@@ -192,14 +179,20 @@ def _facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
     }
 
 
+def surface_facts(conditions: DropConditions) -> list[tuple[str, str]]:
+    """Return label and value of the surface and of each condition."""
+    return [('surface', conditions_text(conditions)), *condition_facts(conditions)]
+
+
 def _surroundings_facts(result: 'DropResult') -> dict[str, list[tuple[str, str]]]:
     """Return the surroundings in words, below their heading; empty for the level plane."""
     conditions = result.run.conditions
     if conditions.surroundings is None:
         return {}
-    shapes = simulated_shapes(result.part, conditions)
-    simulated = [] if shapes is None else [('as simulated', text) for text in shapes.sentences()]
-    return {'Surroundings': [*surroundings_facts(conditions.surroundings, conditions), *simulated]}
+    facts = list(_shape_facts(conditions.surroundings))
+    if pieces := simulated_pieces(result.part, conditions):
+        facts.append(('as simulated', pieces_text(pieces, 'The surroundings meet')))
+    return {'Surroundings': facts}
 
 
 def run_facts(run: RunDescription, done: int, what: str) -> list[tuple[str, str]]:
@@ -252,7 +245,7 @@ def contact_page_table(result: 'DropResult') -> Table | None:
     if part is None or contacts is None:
         return None
     planes = contact_planes(scene_of(part, result.run.conditions))
-    drawn = picture_part(part, distribution.aspects)
+    drawn = picture_part(part)
     table = contact_table(contacts, distribution)
     table.picture_width = PIXELS // 2
     rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
@@ -272,12 +265,10 @@ def _colour(aspects: AspectSet, contacts: tuple[int, ...]) -> Array:
     return np.asarray(0.65 * colour + 0.35)
 
 
-def surroundings_facts(
-    surroundings: Surroundings, conditions: DropConditions
-) -> Iterator[tuple[str, str]]:
-    """Yield label and value: the kind, its dimensions, each body, and the release.
+def _shape_facts(surroundings: Surroundings) -> Iterator[tuple[str, str]]:
+    """Yield label and value: the kind, its dimensions, the release, and bodies with own values.
 
-    The friction and the other values of a body are those of the conditions unless it has its own.
+    All others have those of the conditions.
     """
     shape = surroundings.shape
     yield 'kind', shape.kind.replace('_', ' ')
@@ -285,21 +276,12 @@ def surroundings_facts(
         yield quantity.label, value_text(getattr(shape, name), quantity.unit)
     for name, text in getattr(shape, 'texts', {}).items():
         yield name.replace('_', ' '), text
-    for body in shape.body_names:
-        own = surroundings.bodies.get(body, {})
-        values = {
-            key: own.get(key, 0.0 if key == 'speed' else getattr(conditions, key))
-            for key in BODY_VALUES
-        }
-        if not values['speed']:
-            del values['speed']
-        yield (
-            body.replace('_', ' '),
-            ', '.join(
-                f'{BODY_VALUES[key].label} {value_text(value, BODY_VALUES[key].unit)}'
-                for key, value in values.items()
-            ),
-        )
+    for body, own in surroundings.bodies.items():
+        values = [
+            f'{BODY_VALUES[key].label} {value_text(value, BODY_VALUES[key].unit)}'
+            for key, value in own.items()
+        ]
+        yield body.replace('_', ' '), ', '.join(values)
     for name, value in surroundings.release.items():
         yield RELEASE_VALUES[name].text, value_text(value, 'm')
     if surroundings.orientation is not None:
@@ -313,16 +295,6 @@ def surroundings_facts(
 # The page on actions, and that on retention curves.
 PAGE, RETENTION_PAGE = 'reorientation.html', 'retention.html'
 HEAT_MAP, RETENTION = 'transitions', 'retention'
-# Conditions that matter only for drops.
-_RELEASE = {
-    QUANTITIES[name].label for name in ('height', 'speed_horizontal', 'speed_vertical', 'spin')
-}
-
-
-def reorientation_file_names(actions: Sequence[str]) -> list[str]:
-    """Return the names of all files of a page on these actions; without any, on retention."""
-    figures = [HEAT_MAP + suffix_of(name, actions) for name in actions]
-    return file_names(PAGE, figures) if actions else file_names(RETENTION_PAGE, [RETENTION])
 
 
 def reorientation_page(
@@ -366,12 +338,11 @@ def reorientation_page(
         reading=reading('reorientation'),
         facts={
             'Part': part_facts(first.part, first.run, first.matrix.aspects),
-            **_contact_facts(first.run.conditions),
+            'Conditions': surface_facts(first.run.conditions),
             **dict(zip(runs, map(_action_run_facts, results), strict=True)),
         },
         notes=warning_notes(first.part),
-        contents=len(results) > 1,
-        names=reorientation_file_names(names),
+        names=file_names(PAGE, [HEAT_MAP + suffix_of(name, names) for name in names]),
     )
 
 
@@ -380,10 +351,11 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
     action, matrix = result.action, result.matrix
     low, high = matrix.actions.min(), matrix.actions.max()
     each = f'{low}' if low == high else f'{low} to {high}'
-    yield f'{action.action.kind}: {matrix.actions.sum()} actions, {each} from each aspect.'
-    for note in _action_notes(result):
-        yield Text(note, 'note')
-    yield Facts(list(_action_facts(action)))
+    yield f'{action.text}: {matrix.actions.sum()} actions, {each} from each aspect.'
+    if not result.complete:
+        yield Text(_incomplete(int(matrix.actions.sum()), result.run.drops, 'actions'), 'note')
+    if not action.action.has_effect:
+        yield Text('The action has no effect: every part stays where it is.', 'note')
     if action.source:
         yield f'Source of these values: {action.source}'
     yield Text('Transitions', 'part')
@@ -395,9 +367,7 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
         transition_note(matrix),
         partial(draw, result.title),
     )
-    yield from _by_class_and_aspect(
-        result, [interval_table(matrix, by_class) for by_class in (True, False)]
-    )
+    yield transition_table(matrix, by_class=True)
     if result.convergence is not None:
         classes = map(aspects_text, matrix.aspects.classes())
         yield Text(result.convergence.text([*classes, *OUTCOMES]).replace('\n', ' '), 'plain')
@@ -408,39 +378,27 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
         yield from _way_items(result, wanted)
 
 
-def _by_class_and_aspect(result: 'ReorientResult', tables: Sequence[Table]) -> Iterator[Item]:
-    """Yield the table by class, and folded that by aspect if it differs."""
-    aspects = result.matrix.aspects
-    yield tables[0]
-    if len(aspects.classes()) < len(aspects):
-        yield Fold('by aspect', [tables[1]])
-
-
 def _long_run_items(result: 'ReorientResult') -> Iterator[Item]:
-    views = [result.by_class(), result]
-    if any(view.long_run is None for view in views):
+    view = result.by_class()
+    if view.long_run is None:
         yield (
             'The shares in the long run are not known: actions from each aspect, and drops that '
             'come to rest in an aspect, are needed for them.'
         )
         return
-    tables = []
-    for view, by_class in zip(views, (True, False), strict=True):
-        assert view.long_run is not None
-        rows = table_rows(result.matrix.aspects, by_class=by_class)
-        confidence = result.matrix.confidence
-        table = long_run_table(
-            rows, view.long_run, *view.long_run_bounds, view.drop_shares, '', confidence
-        )
-        table.caption = long_run_text(rows, view.long_run)
-        tables.append(table)
-    yield from _by_class_and_aspect(result, tables)
+    rows = table_rows(result.matrix.aspects, by_class=True)
+    confidence = result.matrix.confidence
+    table = long_run_table(
+        rows, view.long_run, *view.long_run_bounds, view.drop_shares, '', confidence
+    )
+    table.caption = long_run_text(rows, view.long_run)
+    yield table
     drop = result.drop
     yield (
-        'The shares to which repeated actions lead, with '
-        f'{100 * result.matrix.confidence:g} % intervals, beside the shares of a drop. '
-        f'{int(drop.counts.sum())} of {drop.drops} drops came to rest in an aspect. The intervals '
-        'contain the uncertainty of the transitions; the shares of the drop are taken as known.'
+        f'The shares to which repeated actions lead, with {100 * confidence:g} % intervals, '
+        f'beside the shares of a drop. {int(drop.counts.sum())} of {drop.drops} drops came to '
+        'rest in an aspect. The intervals contain the uncertainty of the transitions; the shares '
+        'of the drop are taken as known.'
     )
 
 
@@ -490,7 +448,6 @@ def retention_page(result: 'RetentionResult') -> Page:
             'The lift heights at which 1, 10 and 50 % of the parts have left the aspect, with '
             f'{100 * curves[0].confidence:g} % intervals.'
         ),
-        Fold('all lift heights', [retention_counts_table(curves, '')]),
     ]
     return Page(
         file=RETENTION_PAGE,
@@ -502,44 +459,19 @@ def retention_page(result: 'RetentionResult') -> Page:
         reading=reading('retention'),
         facts={
             'Part': part_facts(part, run, result.aspects),
-            'Conditions': _contact_facts(run.conditions)['Conditions'],
+            'Conditions': surface_facts(run.conditions),
             'Run': [
                 *run_facts(run, done, 'disturbances'),
                 ('disturbances from each aspect at each lift height', str(each)),
             ],
         },
         notes=[*notes, *warning_notes(part)],
-        names=reorientation_file_names(()),
+        names=file_names(RETENTION_PAGE, [RETENTION]),
     )
-
-
-def _action_notes(result: 'ReorientResult') -> Iterator[str]:
-    if not result.complete:
-        yield _incomplete(int(result.matrix.actions.sum()), result.run.drops, 'actions')
-    if not result.action.action.has_effect:
-        yield 'The action has no effect: every part stays where it is.'
 
 
 def _incomplete(done: int, requested: int, what: str) -> str:
     return f'The run is not complete: it has {done} of {requested} {what}.'
-
-
-def _action_facts(action: NamedAction) -> Iterator[tuple[str, str]]:
-    for name, quantity in quantities_of(action.action).items():
-        value = getattr(action.action, name)
-        yield quantity.label, f'{value:g} {quantity.unit}'.rstrip()
-    yield TIME.text, f'{action.time:g} {TIME.unit}'
-
-
-def _contact_facts(conditions: DropConditions) -> dict[str, list[tuple[str, str]]]:
-    """Return the conditions of the contact, and those that matter only for the drops."""
-    facts = list(condition_facts(conditions))
-    release = [fact for fact in facts if fact[0].partition(' (')[0] in _RELEASE]
-    contact = [fact for fact in facts if fact not in release]
-    return {
-        'Conditions': [('surface', conditions_text(conditions)), *contact],
-        'Release of the drops': release,
-    }
 
 
 def _action_run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:
@@ -547,5 +479,6 @@ def _action_run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:
     return [
         *run_facts(result.run, int(result.matrix.actions.sum()), 'actions'),
         ('number of drops', str(result.drop.drops)),
+        ('time of an action', f'{result.action.time:g} s'),
         ('maximum energy gain in an action', growth),
     ]

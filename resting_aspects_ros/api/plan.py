@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.api.conditions import aspects_in, contacts_in, scene_of, shipped_actions
-from resting_aspects_ros.api.runner import TransitionTally
+from resting_aspects_ros.api.runner import DropTally, TransitionTally
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.landscape import Landscape
-from resting_aspects_ros.errors import InvalidValueError, shown, warn
+from resting_aspects_ros.errors import InvalidValueError, located, warn
 from resting_aspects_ros.input_files import CsvTable, open_text
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE
@@ -24,9 +24,10 @@ from resting_aspects_ros.simulation.conditions import (
     MAX_DROPS,
     DropConditions,
     Noise,
+    check_integer,
 )
 from resting_aspects_ros.simulation.job import DropJob, RunDescription, plan_run
-from resting_aspects_ros.simulation.scene import Scene, depth_along, in_scene_axes
+from resting_aspects_ros.simulation.scene import Scene, depth_of, in_scene_axes
 from resting_aspects_ros.simulation.starts import (
     Action,
     GivenStarts,
@@ -34,7 +35,7 @@ from resting_aspects_ros.simulation.starts import (
     Starts,
     starts_of,
 )
-from resting_aspects_ros.statistics.distribution import ContactCounts, Distribution, no_drops
+from resting_aspects_ros.statistics.distribution import ContactCounts, no_drops
 from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
@@ -56,26 +57,17 @@ MAX_OVERLAP = 0.01
 # States that are checked together.
 _BLOCK = 1000
 # Columns of a file of states.
-NEEDED = ('z_com_m', 'qx', 'qy', 'qz', 'qw')
-OPTIONAL = ('x_m', 'y_m', 'vx', 'vy', 'vz', 'wx', 'wy', 'wz')
+COLUMNS = ('x_m', 'y_m', 'z_com_m', 'qx', 'qy', 'qz', 'qw', 'vx', 'vy', 'vz', 'wx', 'wy', 'wz')
+NEEDED = COLUMNS[2:7]
 # 100,000 states.
 MAX_BYTES = 1 << 25
-MAX_STATES = 100_000
 
 
 def given_starts(
     part: Part, given: GivenStates, noise: Noise, conditions: DropConditions, replicates: int
 ) -> tuple[GivenStarts, int]:
     """Return the starts of a run and its number of drops; raises InvalidValueError."""
-    limit = MAX_DROPS // len(given)
-    if (
-        not isinstance(replicates, int)
-        or isinstance(replicates, bool)
-        or not 1 <= replicates <= limit
-    ):
-        raise InvalidValueError(
-            f'invalid replicates {replicates!r}: expected 1 to {limit} for {len(given)} states'
-        )
+    check_integer('replicates', replicates, 1, MAX_DROPS // len(given))
     scene = scene_of(part, conditions)
     if not scene.level:
         _check_outside(part, scene, given)
@@ -91,7 +83,7 @@ def _check_outside(part: Part, scene: Scene, given: GivenStates) -> None:
         position = scene.in_scene(given.position[rows])
         orientation = in_scene_axes(scene, given.orientation[rows])
         for plane in scene.half_spaces:
-            reach = depth_along(orientation, -plane.normal, corners)
+            reach = depth_of(orientation, corners, -plane.normal)
             gap = (position * plane.normal).sum(axis=1) - plane.offset - reach
             worst = int(gap.argmin())
             if gap[worst] < -MAX_OVERLAP * part.hull_radius:
@@ -103,7 +95,7 @@ def _check_outside(part: Part, scene: Scene, given: GivenStates) -> None:
 
 
 def read_state_csv(path: Path) -> GivenStates:
-    """Read a CSV with the columns NEEDED, any of OPTIONAL, and others, which are not read.
+    """Read a CSV with the columns NEEDED, any of COLUMNS, and others, which are not read.
 
     Position of the centre of mass in the tray frame, m (x and y are 0 without a column);
     quaternion x y z w, tray from part; velocity vx, vy, vz of the centre of mass in tray axes,
@@ -113,53 +105,28 @@ def read_state_csv(path: Path) -> GivenStates:
     rows: list[list[float]] = []
     with open_text(path, 'file of initial states', MAX_BYTES) as file:
         table = CsvTable(path, file)
-        columns = _columns(table)
+        others = f'the columns are {", ".join(COLUMNS)}, of which {", ".join(NEEDED)} are needed'
+        columns = [
+            table.column(name, others) if name in (*NEEDED, *table.names) else None
+            for name in COLUMNS
+        ]
         for line, row in table.rows():
-            if len(rows) == MAX_STATES:
-                raise InvalidValueError(
-                    f'invalid number of initial states in {str(path)!r}: expected at most '
-                    f'{MAX_STATES}'
-                )
-            rows.append(
-                [
-                    table.number(line, row, columns[name]) if name in columns else 0.0
-                    for name in (*NEEDED, *OPTIONAL)
-                ]
-            )
-            length = math.hypot(*rows[-1][1:5])
+            rows.append([0.0 if k is None else table.number(line, row, k) for k in columns])
+            length = math.hypot(*rows[-1][3:7])
             if not abs(length - 1) <= LENGTH_TOLERANCE:
                 raise table.wrong(
-                    line, row, columns['qx'], f'a quaternion of length 1; it is {length:.6g}'
+                    line, row, columns[3] or 0, f'a quaternion of length 1; it is {length:.6g}'
                 )
-    if not rows:
-        raise InvalidValueError(f'invalid initial states {str(path)!r}: expected at least one')
-    z, qx, qy, qz, qw, x, y, vx, vy, vz, wx, wy, wz = np.array(rows).T
-    return GivenStates(
-        position=np.stack([x, y, z], axis=-1),
-        orientation=np.stack([qx, qy, qz, qw], axis=-1),
-        velocity=np.stack([vx, vy, vz], axis=-1),
-        spin=np.stack([wx, wy, wz], axis=-1),
-    )
-
-
-def _columns(table: CsvTable) -> dict[str, int]:
-    names = table.header
-    missing = [name for name in NEEDED if name not in names]
-    twice = [name for name in (*NEEDED, *OPTIONAL) if names.count(name) > 1]
-    if missing or twice:
-        problem = f'no column {missing[0]}' if missing else f'several columns {twice[0]}'
-        raise InvalidValueError(
-            f'invalid column names {shown(", ".join(names))} in {table.where}: {problem}; '
-            f'expected {", ".join(NEEDED)}, and any of {", ".join(OPTIONAL)}'
-        )
-    return {name: names.index(name) for name in (*NEEDED, *OPTIONAL) if name in names}
+    values = np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
+    with located(repr(str(path))):
+        return GivenStates(values[:, :3], values[:, 3:7], values[:, 7:10], values[:, 10:])
 
 
 # -- Drops ----------------------------------------------------------------------------------------
 
 
-# In hull radii. A greater height is probably a mistake of the unit, and the drops take minutes.
-MAX_HEIGHT = 500
+# A height of more than both, in hull radii and in m, is probably a mistake of the unit.
+MAX_RADII, MAX_HEIGHT = 500, 1.0
 DEFAULT_ACTION = 'tap'
 # 385 actions give intervals of about +-0.05 in the worst case.
 DEFAULT_PER_ASPECT = 400
@@ -177,27 +144,21 @@ def new_run() -> dict[str, Any]:
 
 def check_height(part: Part, height: float) -> None:
     """Raise InvalidValueError if a height, m, is probably in a wrong unit."""
-    limit = MAX_HEIGHT * part.hull_radius
+    limit = max(MAX_HEIGHT, MAX_RADII * part.hull_radius)
     if height > limit:
         raise InvalidValueError(
-            f'invalid height {height:g} m: expected at most {MAX_HEIGHT} times the radius of '
-            f'{part.name}, {limit:.3g} m (drop --force allows more); values are in SI units '
-            f'unless they have a unit, such as {height:g}mm'
+            f'invalid height {height:g} m: expected at most {limit:.3g} m for the size of '
+            f'{part.name}; values are in SI units unless they have a unit, such as {height:g}mm'
         )
 
 
 @dataclass(frozen=True)
 class PlannedDrops:
-    """A run that is ready to be simulated.
-
-    ``empty`` is its distribution without drops, ``stop_at`` the precision at which it stops, and
-    ``contacts`` are its counts by contact with walls, None without walls.
-    """
+    """A run that is ready to be simulated; ``contacts`` is None without walls."""
 
     job: DropJob
     run: RunDescription
-    empty: Distribution
-    stop_at: float = 0.0
+    tally: DropTally
     contacts: ContactCounts | None = None
 
 
@@ -209,7 +170,6 @@ def plan_drops(
     seed: int,
     first_drop: int = 0,
     precision: float = 0.0,
-    stop_at: float | None = None,
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     starts: Starts | None = None,
@@ -217,24 +177,14 @@ def plan_drops(
 ) -> PlannedDrops:
     """Find the aspects of a part and plan a run; raises InvalidValueError.
 
-    ``stop_at`` is the precision at which to stop, if it differs from that of the run. See
-    plan_run for ``starts`` and ``engine``.
+    See plan_run for ``starts`` and ``engine``.
     """
-    check_interval_method(interval)
-    check_confidence(confidence)
-    if precision:
-        check_precision(precision)
+    _check_intervals(precision, interval, confidence)
     landscape = Landscape(part)
     scene = scene_of(part, conditions)
     aspects = aspects_in(scene, find_aspects(part, landscape))
-    empty = no_drops(
-        aspects,
-        interval=interval,
-        confidence=confidence,
-        by_precision=precision > 0,
-    )
-    stop_at = precision if stop_at is None else stop_at
-    count = max_drops(drops, stop_at, MAX_DROPS, len(empty.aspects), interval, confidence)
+    empty = no_drops(aspects, interval=interval, confidence=confidence, by_precision=precision > 0)
+    count = max_drops(drops, precision, MAX_DROPS, len(aspects), interval, confidence)
     job, run = plan_run(
         part,
         conditions,
@@ -247,7 +197,8 @@ def plan_drops(
         starts=starts,
         engine=engine,
     )
-    return PlannedDrops(job, run, empty, stop_at, contacts_in(scene, part, aspects))
+    tally = DropTally(empty, run.drops, precision)
+    return PlannedDrops(job, run, tally, contacts_in(scene, part, aspects))
 
 
 @dataclass(frozen=True)
@@ -329,10 +280,7 @@ def check_actions(
     Raises InvalidValueError. Actions in surroundings are checked before the drops from which they
     start; see plan_actions for the parameters.
     """
-    check_interval_method(interval)
-    check_confidence(confidence)
-    if precision:
-        check_precision(precision)
+    _check_intervals(precision, interval, confidence)
     scene = scene_of(part, conditions)
     action.action.check(action.name, scene)
     aspects = aspects_in(scene, find_aspects(part, landscape))
@@ -342,12 +290,15 @@ def check_actions(
     if precision > 0:
         columns = len(aspects) + len(OUTCOMES)
         per_aspect = drops_for(precision, per_aspect or limit, columns, interval, confidence)
-    if not isinstance(per_aspect, int) or not 1 <= per_aspect <= limit:
-        raise InvalidValueError(
-            f'invalid number of actions per aspect {shown(per_aspect)}: expected 1 to {limit} for '
-            f'{len(aspects)} aspects'
-        )
+    check_integer('number of actions per aspect', per_aspect, 1, limit)
     return scene, aspects, per_aspect
+
+
+def _check_intervals(precision: float, interval: str, confidence: float) -> None:
+    check_interval_method(interval)
+    check_confidence(confidence)
+    if precision:
+        check_precision(precision)
 
 
 def check_speed(part: Part, action: NamedAction, job: DropJob) -> None:
@@ -391,12 +342,6 @@ def named_action(action: str | Action | NamedAction) -> NamedAction:
     if isinstance(action, NamedAction):
         return action
     if isinstance(action, str):
-        if action in KINDS:
-            raise InvalidValueError(
-                f'invalid action {action!r}, which is a kind of action: expected one with values, '
-                f'such as ra.{KINDS[action].__name__}(...), or one of '
-                f'{", ".join(shipped_actions().names())}'
-            )
         return shipped_actions().get(action)
     if not isinstance(action, tuple(KINDS.values())):
         raise InvalidValueError(

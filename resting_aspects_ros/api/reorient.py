@@ -15,7 +15,6 @@ from resting_aspects_ros.api.plan import (
     DEFAULT_ACTION,
     DEFAULT_PER_ASPECT,
     PlannedActions,
-    PlannedDrops,
     check_actions,
     named_action,
     plan_actions,
@@ -23,7 +22,7 @@ from resting_aspects_ros.api.plan import (
 )
 from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import (
-    MatrixConvergence,
+    Convergence,
     Progress,
     Runner,
     keep_result,
@@ -32,14 +31,17 @@ from resting_aspects_ros.api.runner import (
     repeat_actions_in_finer_steps,
 )
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.landscape import Landscape
 from resting_aspects_ros.errors import EngineError, InvalidValueError, StoppedError, analysis, warn
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.part.pieces import ConvexPieces, convex_pieces
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields, plain, share_fields
-from resting_aspects_ros.report.transitions import long_run_fields, matrix_fields
+from resting_aspects_ros.report.transitions import (
+    long_run_fields,
+    matrix_fields,
+    transition_figure,
+)
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_DROPS,
@@ -63,7 +65,6 @@ from resting_aspects_ros.statistics.markov import (
     wanted_mask,
     with_replacement,
 )
-from resting_aspects_ros.statistics.poses import RestingPoses
 from resting_aspects_ros.statistics.transitions import TransitionMatrix
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ class ReorientResult(Result):
         Where parts come to rest that are dropped under the same conditions.
     complete : bool
         Whether all actions that were requested are counted.
-    convergence : MatrixConvergence or None
+    convergence : Convergence or None
         How far the matrix moves with a finer time step, if that was checked.
     pieces : ConvexPieces or None
         The convex pieces of the part that meet an edge, and their difference from it; None for
@@ -104,7 +105,7 @@ class ReorientResult(Result):
     part: Part
     drop: Distribution
     complete: bool
-    convergence: MatrixConvergence | None = None
+    convergence: Convergence | None = None
     pieces: ConvexPieces | None = None
 
     @property
@@ -245,8 +246,6 @@ class ReorientResult(Result):
 
     def figure(self) -> 'Figure':
         """Return the heat map of the transitions."""
-        from resting_aspects_ros.report.transition_figures import transition_figure
-
         return transition_figure(self.matrix, self.part, self.title)
 
 
@@ -425,27 +424,6 @@ def reorient_each(
     actions: Sequence[str | Action | NamedAction],
     per_aspect: int | None = None,
     *,
-    check_convergence: bool = False,
-    workers: int | Workers | None = None,
-    progress: Progress = False,
-    stopped: Callable[[], bool] = never,
-    **options: Any,
-) -> list[ReorientResult]:
-    """Do each of several actions as `reorient` does, after the same drops.
-
-    All input is checked before the first drop. ``options`` are the other arguments of `reorient`.
-    The attribute ``result`` of an EngineError has the results before, the last one incomplete.
-    """
-    planned = plan_reorient(part, actions, per_aspect, **options)
-    with make_runner(workers, progress, stopped) as runner:
-        return planned.make(runner, check=check_convergence)
-
-
-def plan_reorient(
-    part: Part | str | Path,
-    actions: Sequence[str | Action | NamedAction],
-    per_aspect: int | None = None,
-    *,
     surface: str | DropConditions = DEFAULT_SURFACE,
     precision: float = 0.0,
     drops: int = DEFAULT_DROPS,
@@ -453,15 +431,23 @@ def plan_reorient(
     interval: str = INTERVAL,
     confidence: float = CONFIDENCE,
     surroundings: str | Path | Surroundings | None = None,
+    check_convergence: bool = False,
     engine: str = '',
+    workers: int | Workers | None = None,
+    progress: Progress = False,
+    stopped: Callable[[], bool] = never,
     **conditions: Any,
-) -> 'PlannedReorient':
-    """Check and plan drops of a part and actions on it; see `reorient` for the arguments."""
+) -> list[ReorientResult]:
+    """Do each of several actions as `reorient` does, after the same drops.
+
+    All input is checked before the first drop. The attribute ``result`` of an EngineError has the
+    results before, the last one incomplete.
+    """
     given = with_surroundings(given_conditions(surface, conditions), surroundings)
     loaded = given_part(part)
     if per_aspect is None:
         per_aspect = 0 if precision else DEFAULT_PER_ASPECT
-    values: dict[str, Any] = {
+    options: dict[str, Any] = {
         'per_aspect': per_aspect,
         'precision': precision,
         'interval': interval,
@@ -469,82 +455,59 @@ def plan_reorient(
         'landscape': Landscape(loaded),
     }
     named = [named_action(action) for action in actions]
-
-    def plan(action: NamedAction, rests: RestingPoses | None = None) -> PlannedActions:
-        options = {**values, 'seed': seed, 'engine': engine, 'rests': rests}
-        return plan_actions(loaded, action, given, **options)
-
-    planned = None
-    if given.surroundings is None:
-        planned = [plan(action) for action in named]
-    else:
-        for action in named:
-            check_actions(loaded, action, given, **values)
+    run_options: dict[str, Any] = {'seed': seed, 'engine': engine, **options}
+    planned = []
+    for action in named:
+        if given.surroundings is None:
+            planned.append(plan_actions(loaded, action, given, **run_options))
+        else:  # planned later: the actions start from the poses of the drops
+            check_actions(loaded, action, given, **options)
     dropping = plan_drops(loaded, given, drops=drops, seed=seed, engine=engine)
-    return PlannedReorient(loaded, dropping, named, planned, plan)
-
-
-@dataclass(frozen=True)
-class PlannedReorient:
-    """Drops and actions that are checked.
-
-    planned : list of PlannedActions or None
-        None in surroundings, where the actions start from the poses of the drops.
-    plan : callable
-        Plans an action from resting poses.
-    """
-
-    part: Part
-    dropping: PlannedDrops
-    actions: list[NamedAction]
-    planned: list[PlannedActions] | None
-    plan: Callable[..., PlannedActions]
-
-    @property
-    def aspects(self) -> AspectSet:
-        """The aspects of the part that are counted."""
-        return self.dropping.empty.aspects
-
-    def make(self, runner: Runner, *, check: bool = False) -> list[ReorientResult]:
-        """Make the drops and the actions; with ``check``, repeat these with half the time step."""
-        results: list[ReorientResult] = []
-        with keep_result(lambda: results):
-            first = make_drops(runner, self.dropping, self.part)
-            dropped = first.distribution  # with which parts that left are replaced
-            if (contacts := self.dropping.contacts) is not None:
-                dropped = dataclasses.replace(dropped, contacts=contacts.counted)
-            planned = self.planned
-            if planned is None:
-                if runner.stopped():
-                    raise StoppedError('interrupted before the first action')
-                planned = [self.plan(action, rests=first.poses) for action in self.actions]
-            for each in planned:
-                convergence = None
-                label = f'{self.part.name}, {each.action.name}'
-                try:
-                    runner.count(each.job, each.run, each.tally, label=label, unit='actions')
-                    if check and not runner.stopped():
-                        convergence = repeat_actions_in_finer_steps(
-                            runner, each.job, each.run, each.tally, label
-                        )
-                finally:
-                    edge = each.action.action.edge
-                    results.append(
-                        ReorientResult(
-                            each.tally.matrix,
-                            each.action,
-                            each.run,
-                            self.part,
-                            dropped,
-                            each.tally.complete,
-                            convergence,
-                            convex_pieces(self.part) if edge else None,
-                        )
-                    )
+    results: list[ReorientResult] = []
+    with make_runner(workers, progress, stopped) as runner, keep_result(lambda: results):
+        first = make_drops(runner, dropping, loaded)
+        dropped = first.distribution  # with which parts that left are replaced
+        if dropping.contacts is not None:
+            dropped = dataclasses.replace(dropped, contacts=dropping.contacts.counted)
+        if given.surroundings is not None:
+            if runner.stopped():
+                raise StoppedError('interrupted before the first action')
+            rests = first.poses
+            planned = [
+                plan_actions(loaded, action, given, rests=rests, **run_options) for action in named
+            ]
         for each in planned:
-            if each.tally.complete and each.tally.precision > 0 and not each.tally.precise:
-                warn(
-                    f'precision {each.tally.precision:g} was not reached in {each.tally.done} '
-                    f'actions of {each.action.name}, the requested maximum'
-                )
-        return results
+            _act(runner, each, loaded, dropped, results, check=check_convergence)
+    for each in planned:
+        if each.tally.complete and each.tally.precision > 0 and not each.tally.precise:
+            warn(
+                f'precision {each.tally.precision:g} was not reached in {each.tally.done} '
+                f'actions of {each.action.name}, the requested maximum'
+            )
+    return results
+
+
+def _act(
+    runner: Runner,
+    planned: PlannedActions,
+    part: Part,
+    dropped: Distribution,
+    results: list[ReorientResult],
+    *,
+    check: bool,
+) -> None:
+    """Do planned actions and append their result, even if the work ends before."""
+    action, run, tally = planned.action, planned.run, planned.tally
+    label = f'{part.name}, {action.name}'
+    convergence = None
+    try:
+        runner.count(planned.job, run, tally, label=label, unit='actions')
+        if check and not runner.stopped():
+            convergence = repeat_actions_in_finer_steps(runner, planned.job, run, tally, label)
+    finally:
+        pieces = convex_pieces(part) if action.action.edge else None
+        results.append(
+            ReorientResult(
+                tally.matrix, action, run, part, dropped, tally.complete, convergence, pieces
+            )
+        )

@@ -1,7 +1,7 @@
 """Retention curves: how strong a disturbance must be for a part to leave its aspect."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.library import given_part
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, aspect_fields
-from resting_aspects_ros.report.transitions import retention_fields
+from resting_aspects_ros.report.transitions import retention_fields, retention_figure
 from resting_aspects_ros.simulation.actions import MAX_LIFT, disturbance_starts
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
@@ -100,8 +100,6 @@ class RetentionResult(Result):
 
     def figure(self) -> 'Figure':
         """Return the curves."""
-        from resting_aspects_ros.report.transition_figures import retention_figure
-
         return retention_figure(self.curves, self.aspects, self.part, self.title)
 
 
@@ -181,24 +179,20 @@ def retention(
     tally = StartTally(aspects, lift.size, run.drops)
 
     def result() -> RetentionResult:
-        curves = tuple(_curves(tally, lift, confidence))
-        return RetentionResult(curves, aspects, run, loaded, tally.complete)
+        counts = tally.counts.reshape(*lift.shape, -1)
+        curves = []
+        for k, aspect in enumerate(aspects):
+            parts = counts[k].sum(axis=1)
+            made, left = parts > 0, parts - counts[k, :, k]
+            barrier = aspect.min_barrier
+            if made.any():
+                here = lift[k, made], left[made], parts[made]
+                curves.append(RetentionCurve(aspect.id, barrier, *here, confidence))
+        return RetentionResult(tuple(curves), aspects, run, loaded, tally.complete)
 
     with keep_result(result), make_runner(workers, progress, stopped) as runner:
         runner.count(job, run, tally, label=f'{loaded.name}, disturbed', unit='parts')
     return result()
-
-
-def _curves(tally: StartTally, lift: Array, confidence: float) -> Iterator[RetentionCurve]:
-    """Yield the curve of each aspect that was disturbed, at the heights (a, m) with a part."""
-    counts = tally.counts.reshape(*lift.shape, -1)
-    for k, aspect in enumerate(tally.aspects):
-        parts = counts[k].sum(axis=1)
-        made, left = parts > 0, parts - counts[k, :, k]
-        if made.any():
-            yield RetentionCurve(
-                aspect.id, aspect.min_barrier, lift[k, made], left[made], parts[made], confidence
-            )
 
 
 def lift_heights(aspects: AspectSet, radius: float, max_lift: float | None) -> Array:

@@ -6,7 +6,6 @@ there are enough, and to consumers, such as a log.
 """
 
 import dataclasses
-import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,14 +17,12 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 from rich.console import Console
-from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
 from rich.progress import Progress as ProgressBar
 
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.errors import EngineError, LogError, OutputError, warn
-from resting_aspects_ros.simulation.conditions import MAX_DROPS
 from resting_aspects_ros.simulation.job import DropJob, RunDescription
 from resting_aspects_ros.simulation.workers import (
     LocalWorkers,
@@ -52,28 +49,15 @@ from resting_aspects_ros.system import available_cores
 # -- Progress -------------------------------------------------------------------------------------
 
 
-Self = TypeVar('Self', bound='TerminalDisplay')  # typing.Self is newer than Python 3.10
+Self = TypeVar('Self', bound='ShownProgress')  # typing.Self is newer than Python 3.10
 LINE_PERIOD = 1.0  # s
 # Whether progress is shown on standard error; or a function that is called often with the numbers
 # done and in total.
 Progress = bool | Callable[[int, int], None]
 
 
-class TerminalDisplay:
-    """Context manager of a moving display on standard error, which ends with it."""
-
-    _moving: ProgressBar | Live | None = None  # None if standard error is not a terminal
-
-    def __enter__(self: Self) -> Self:  # noqa: PYI019
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._moving is not None:
-            self._moving.stop()
-
-
-class ShownProgress(TerminalDisplay):
-    """Progress bar on standard error; no bar if that is not a terminal."""
+class ShownProgress:
+    """Context manager of a progress bar on standard error; no bar if that is not a terminal."""
 
     def __init__(
         self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
@@ -83,21 +67,21 @@ class ShownProgress(TerminalDisplay):
             text = TextColumn('{task.fields[text]}', markup=False)
             title = TextColumn('{task.description}', markup=False)
             console = Console(stderr=True)
-            self._moving = self._bar = ProgressBar(
-                title, BarColumn(), *columns, text, console=console
-            )
+            self._bar = ProgressBar(title, BarColumn(), *columns, text, console=console)
             self._task = self._bar.add_task(what, total=total, text='')
+
+    def __enter__(self: Self) -> Self:  # noqa: PYI019
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
 
 
 class DropProgress(ShownProgress):
-    """Progress display of drops and drops per second.
+    """Progress display of drops, or what ``unit`` is, and their rate.
 
-    unit : str
-        What is counted: drops, or actions.
-    done : int
-        Drops made so far.
-    shown : bool or callable
-        False to count without display; a function is called instead of a display.
+    ``done`` are made so far. A function as ``shown`` is called instead of a display.
     """
 
     def __init__(
@@ -181,13 +165,7 @@ class Tally(Protocol):
 
 @dataclass(frozen=True)
 class Runner:
-    """Workers, and how a run reports its progress and is stopped.
-
-    progress : bool or callable
-        Show progress on standard error, or call this often with the numbers done and in total.
-    stopped : callable
-        Called often; a run ends early when it returns True.
-    """
+    """Workers, and how a run reports its progress and is stopped; see `drop`."""
 
     workers: Workers
     progress: Progress = False
@@ -205,7 +183,7 @@ class Runner:
     ) -> None:
         """Make the drops or actions of a run until the tally is complete; raises EngineError."""
         with DropProgress(label or run.part, run.drops, unit, shown=self.progress) as bar:
-            with closing(drop_chunks(job, run, self.workers, warn)) as steps:
+            with closing(drop_chunks(job, run, self.workers)) as steps:
                 for step in steps:
                     if isinstance(step, Future):
                         while not self.stopped() and not wait([step], PROGRESS_PERIOD).done:
@@ -264,14 +242,8 @@ def keep_result(result: Callable[[], Any]) -> Iterator[None]:
 class DropTally:
     """Counts of drops by aspect, and how they developed.
 
-    Parameters
-    ----------
-    empty : Distribution
-        Without drops.
-    drops : int
-        Maximum number of drops.
-    precision : float
-        Maximum half width of the intervals at which the run stops; 0: make all drops.
+    ``drops`` is the maximum number of drops, and ``precision`` the maximum half width of the
+    intervals at which the run stops; 0: after all drops.
     """
 
     def __init__(self, empty: Distribution, drops: int, precision: float = 0.0) -> None:
@@ -296,23 +268,16 @@ class DropTally:
 
 
 class StartTally:
-    """Counts of parts by their start and where they end: part i has the start i mod n.
+    """Counts of ``number`` parts by their start and where they end: part i has the start i mod n.
 
     counts : (n, k + 4) int
         Parts of each start that ended in each of the k aspects, by id from 1, and then in each of
-        unclassified, unsettled, failed, lost.
-    number : int
-        Number of all parts.
+        OUTCOMES.
     """
 
     def __init__(self, aspects: AspectSet, starts: int, number: int) -> None:
         self.aspects, self.number = aspects, number
         self.counts: Counts = np.zeros((starts, len(aspects) + len(OUTCOMES)), dtype=np.int64)
-
-    @property
-    def columns(self) -> list[int | str]:
-        """Ids of the aspects, then the names of the other outcomes."""
-        return [*range(1, len(self.aspects) + 1), *OUTCOMES]
 
     @property
     def done(self) -> int:
@@ -333,16 +298,8 @@ class StartTally:
 class TransitionTally(StartTally):
     """Counts of actions by aspect before and after: action i is on a part in ``ids[i mod k]``.
 
-    Parameters
-    ----------
-    empty : TransitionMatrix
-        Matrix without actions.
-    actions : int
-        Maximum number of actions from all aspects together.
-    precision : float
-        Maximum half width of all intervals of the matrix at which the run stops; 0: never.
-    ids : sequence of int, optional
-        The k aspects from which actions start; by default all.
+    ``actions`` is the maximum number from the k aspects ``ids`` together (by default all), and
+    ``precision`` the maximum half width of all intervals at which the run stops; 0: never.
     """
 
     def __init__(
@@ -364,11 +321,9 @@ class TransitionTally(StartTally):
         """The matrix of the actions that are counted."""
         counts = np.zeros_like(self._empty.counts)
         counts[np.array(self.ids, dtype=np.int64) - 1] = self.counts
+        growth = self._energy_growth
         return dataclasses.replace(
-            self._empty,
-            counts=counts,
-            sliding=self._sliding,
-            energy_growth=self._energy_growth,
+            self._empty, counts=counts, sliding=self._sliding, energy_growth=growth
         )
 
     @property
@@ -403,92 +358,82 @@ DETECTABLE_SHIFT = 0.01
 
 @dataclass(frozen=True)
 class Convergence:
-    """Change of a distribution when its drops are repeated with a finer time step.
+    """Change of the shares when drops or actions are repeated with a finer time step.
 
     time_step : float
         The finer time step, s.
-    drops : int
-        Number of drops with each time step.
-    aspect : int
-        Id of the aspect whose share changes most.
+    number : int
+        Number of drops or actions with each time step.
+    row, column : int
+        The share that changes most. Of drops: row 0, and the aspects as columns. Of actions: from
+        a symmetry class to a class or one of OUTCOMES. Both from 0.
     shift : float
-        Change of its share of the drops that are in an aspect: fine minus coarse.
+        Change of this share: fine minus coarse. Shares of drops are of those in an aspect.
     lower, upper : float
-        Bounds of the true shift; those of all aspects hold together with ``confidence``.
-    p_value : float
-        Probability that chance alone changes the shares at least as much.
-    enough : int
-        Number of drops, rounded up to one digit, with which the widest of these bounds would
-        detect DETECTABLE_SHIFT; 0 if a document of an earlier version does not have it.
+        Bounds of the true shift; those of all shares hold together with ``confidence``.
     """
 
     time_step: float
-    drops: int
-    aspect: int
+    number: int
+    row: int
+    column: int
     shift: float
     lower: float
     upper: float
     confidence: float
-    p_value: float
-    enough: int = 0
 
-    def text(self) -> str:
-        """Return the change and a verdict, in lines of up to 80 columns."""
-        verdict, enough = _verdict(self, 'drops'), ''
-        if verdict.startswith('too few') and self.enough > MAX_DROPS:
-            enough = f'\nMore than the maximum of {MAX_DROPS} drops are needed.'
-        elif verdict.startswith('too few') and self.enough:
-            enough = f'\nAbout {self.enough} drops are needed.'
+    def text(self, columns: Sequence[str] = ()) -> str:
+        """Return the change and a verdict; of actions, ``columns`` name classes and outcomes."""
+        share, unit = f'aspect {self.column + 1}', 'drops'
+        if columns:
+            share = f'the probability from {columns[self.row]} to {columns[self.column]}'
+            unit = 'actions'
+        verdict = 'explained by chance'
+        if not self.lower <= 0 <= self.upper:
+            verdict = 'not explained by chance'
+        elif self.upper - self.lower > 2 * DETECTABLE_SHIFT:
+            verdict = f'too few {unit} to detect {100 * DETECTABLE_SHIFT:g} %'
         return (
-            f'With 1/{REFINEMENT} of the time step ({self.time_step * 1e6:.3g} us), aspect '
-            f'{self.aspect} changes most: {100 * self.shift:+.2g} points,\n'
+            f'With 1/{REFINEMENT} of the time step ({self.time_step * 1e6:.3g} us), '
+            f'{share} changes most: {100 * self.shift:+.2g} points,\n'
             f'{verdict} ({100 * self.confidence:g} % interval {100 * self.lower:+.2g} to '
-            f'{100 * self.upper:+.2g}, {self.drops} drops each).{enough}'
+            f'{100 * self.upper:+.2g}, {self.number} {unit} each).'
         )
 
 
-def _verdict(found: 'Convergence | MatrixConvergence', unit: str) -> str:
-    """Return whether chance explains a shift, or whether there are too few drops to tell."""
-    if not found.lower <= 0 <= found.upper:
-        return 'not explained by chance'
-    if found.upper - found.lower > 2 * DETECTABLE_SHIFT:
-        return f'too few {unit} to detect {100 * DETECTABLE_SHIFT:g} %'
-    return 'explained by chance'
+def find_convergence(
+    coarse: Counts, fine: Counts, time_step: float, number: int, confidence: float
+) -> Convergence:
+    """Compare counts (r, c) with those of the same drops or actions with a finer time step.
 
-
-def check_convergence(
-    coarse: Distribution, fine: Distribution, time_step: float, seed: int
-) -> Convergence | None:
-    """Compare the distribution of a run with that of the same drops with a finer time step.
-
-    The intervals are those of independent drops. They are conservative here, because both sets
-    start from the same states. Returns None if one of them has no drop in an aspect.
+    The bounds are Newcombe's (1998, method 10) with those of Clopper and Pearson, and share the
+    error probability among all entries. They are those of independent drops, and conservative
+    here, because both sets start from the same states.
     """
-    if not (coarse.counts.any() and fine.counts.any()):
-        return None
     # This import is slow, and only needed for the check.
-    from resting_aspects_ros.statistics.comparison import compare
+    from resting_aspects_ros.statistics.comparison import square_and_add
 
-    found = compare(fine, coarse, np.random.default_rng(seed), coarse.confidence)
-    lower, upper = found.largest_bounds
+    # Bounds of a row hold together; the rows share the rest of the error probability.
+    of_row = 1 - (1 - confidence) / len(fine)
+    (a, a_bounds), (b, b_bounds) = (
+        (
+            each / np.maximum(each.sum(axis=1), 1)[:, None],
+            bounds(each, each.sum(axis=1), SIMULTANEOUS, of_row),
+        )
+        for each in (fine, coarse)
+    )
+    lower, upper = square_and_add(a, a_bounds, b, b_bounds)
+    row, column = divmod(int(np.abs(a - b).argmax()), a.shape[1])
     return Convergence(
         time_step=time_step,
-        drops=fine.drops,
-        aspect=found.largest_aspect,
-        shift=found.largest_deviation,
-        lower=lower,
-        upper=upper,
-        confidence=found.confidence,
-        p_value=found.p_value,
-        enough=_required_drops(fine.drops, float((found.upper - found.lower).max())),
+        number=number,
+        row=row,
+        column=column,
+        shift=float((a - b)[row, column]),
+        lower=float(lower[row, column]),
+        upper=float(upper[row, column]),
+        confidence=confidence,
     )
-
-
-def _required_drops(drops: int, max_width: float) -> int:
-    # The width of an interval is inversely proportional to the root of the number of drops.
-    drops = math.ceil(drops * (max_width / (2 * DETECTABLE_SHIFT)) ** 2)
-    step = 10 ** (len(str(drops)) - 1)
-    return -(-drops // step) * step
 
 
 def _finer(job: DropJob, run: RunDescription, drops: int) -> tuple[DropJob, RunDescription]:
@@ -504,94 +449,34 @@ def repeat_drops_in_finer_steps(
     Returns None if it was stopped, or if the convergence could not be determined.
     """
     job, run = _finer(job, run, coarse.drops)
-    fine = DropTally(no_drops(coarse.aspects, confidence=coarse.confidence), run.drops)
+    fine = DropTally(no_drops(coarse.aspects), run.drops)
     if coarse.drops:
         runner.count(job, run, fine, label=f'{run.part} with a finer time step')
     if not fine.complete:
         return None
-    found = check_convergence(coarse, fine.distribution, run.time_step, run.seed)
-    if found is None:
+    counts = fine.distribution.counts
+    if not (coarse.counts.any() and counts.any()):
         warn('convergence could not be determined: no drop came to rest in an aspect')
-    return found
-
-
-@dataclass(frozen=True)
-class MatrixConvergence:
-    """Change of a transition matrix by symmetry class with a finer time step.
-
-    time_step : float
-        The finer time step, s.
-    actions : int
-        Number of actions with each time step.
-    row, column : int
-        Entry that changes most, both from 0; a column after the classes is one of OUTCOMES.
-    shift : float
-        Change of its probability: fine minus coarse.
-    lower, upper : float
-        Bounds of the true shift; those of all entries hold together with ``confidence``.
-    confidence : float
-    """
-
-    time_step: float
-    actions: int
-    row: int
-    column: int
-    shift: float
-    lower: float
-    upper: float
-    confidence: float
-
-    def text(self, columns: list[str]) -> str:
-        """Return the change and a verdict; ``columns`` are the names of classes and outcomes."""
-        return (
-            f'With 1/{REFINEMENT} of the time step ({self.time_step * 1e6:.3g} us), the '
-            f'probability from {columns[self.row]} to {columns[self.column]} changes most:\n'
-            f'{100 * self.shift:+.2g} points, {_verdict(self, "actions")} '
-            f'({100 * self.confidence:g} % interval {100 * self.lower:+.2g} to '
-            f'{100 * self.upper:+.2g}).'
-        )
+        return None
+    return find_convergence(
+        coarse.counts[None], counts[None], run.time_step, coarse.drops, coarse.confidence
+    )
 
 
 def repeat_actions_in_finer_steps(
     runner: Runner, job: DropJob, run: RunDescription, coarse: TransitionTally, label: str
-) -> MatrixConvergence | None:
+) -> Convergence | None:
     """Repeat the actions of a run with a finer time step; returns None if it was stopped."""
     job, run = _finer(job, run, coarse.done)
     fine = TransitionTally(no_actions(coarse.aspects), run.drops, ids=coarse.ids)
     runner.count(job, run, fine, label=f'{label} with a finer time step', unit='actions')
-    return compare_matrices(coarse.matrix, fine.matrix, run.time_step) if fine.complete else None
-
-
-def compare_matrices(
-    coarse: TransitionMatrix, fine: TransitionMatrix, time_step: float
-) -> MatrixConvergence:
-    """Return the entry that changes most, by symmetry class.
-
-    The bounds are Newcombe's (1998, method 10) with those of Clopper and Pearson, and share the
-    error probability among all entries. They are conservative, because the actions start from the
-    same states.
-    """
-    # This import is slow, and only needed for the check.
-    from resting_aspects_ros.statistics.comparison import square_and_add
-
-    one, other = fine.by_class(), coarse.by_class()
-    # Bounds of a row hold together; the rows share the rest of the error probability.
-    confidence = 1 - (1 - coarse.confidence) / len(one.counts)
-    a, b = (m.counts / np.maximum(m.actions, 1)[:, None] for m in (one, other))
-    lower, upper = square_and_add(
-        a,
-        bounds(one.counts, one.actions, SIMULTANEOUS, confidence),
-        b,
-        bounds(other.counts, other.actions, SIMULTANEOUS, confidence),
-    )
-    row, column = divmod(int(np.abs(a - b).argmax()), a.shape[1])
-    return MatrixConvergence(
-        time_step=time_step,
-        actions=int(fine.actions.sum()),
-        row=row,
-        column=column,
-        shift=float((a - b)[row, column]),
-        lower=float(lower[row, column]),
-        upper=float(upper[row, column]),
-        confidence=coarse.confidence,
+    if not fine.complete:
+        return None
+    before, after = coarse.matrix, fine.matrix
+    return find_convergence(
+        before.by_class().counts,
+        after.by_class().counts,
+        run.time_step,
+        coarse.done,
+        before.confidence,
     )

@@ -22,7 +22,7 @@ from resting_aspects_ros.api.runner import (
     keep_result,
     never,
 )
-from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
+from resting_aspects_ros.api.track_result import TrackResult
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown, warn
 from resting_aspects_ros.part.library import given_part
@@ -175,7 +175,7 @@ def design_track(
     progress: Progress = False,
     stopped: Callable[[], bool] = never,
     **options: Any,
-) -> TrackDesign:
+) -> TrackResult:
     """Propose traps that pass only wanted orientations of a part, with the largest margins.
 
     Parameters
@@ -193,9 +193,10 @@ def design_track(
 
     Returns
     -------
-    TrackDesign
-        The proposals, the one with the largest margin first; none if no set of traps passes only
-        the wanted rows, and then what would separate the others.
+    TrackResult
+        With the traps of the best design. ``design.designs`` has all of them, the one with the
+        largest margin first; none if no set of traps passes only the wanted rows, and then
+        ``advice`` tells what would separate the others.
 
     Raises
     ------
@@ -233,20 +234,12 @@ def design_track(
             return found
 
         found = design_traps(bare.passage, traps, measure if simulate else None)
-    results = [
-        replace(
-            bare,
-            passage=design.passage,
-            alike=found.alike,
-            margin=design.margin,
-            bands=design.bands,
-        )
-        for design in found.designs
-    ]
-    if results:
-        results[0] = _with_runs(results[0], simulate, seed, workers, progress, stopped)
-    bare = replace(bare, bands=found.bands, interrupted=bool(simulate) and stopped())
-    return TrackDesign(tuple(results), bare, found.alike, tuple(_advice(bare.passage, found)))
+    advice = tuple(_advice(bare.passage, found))
+    if not found.designs:
+        stopped_early = bool(simulate) and stopped()
+        return replace(bare, design=found, advice=advice, interrupted=stopped_early)
+    best = replace(bare, passage=found.designs[0].passage, design=found, advice=advice)
+    return _with_runs(best, simulate, seed, workers, progress, stopped)
 
 
 def default_track(part: Part) -> Track:

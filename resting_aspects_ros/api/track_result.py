@@ -1,8 +1,8 @@
-"""Results of a track: what its traps do to each orientation, and which traps to build."""
+"""The result of a track: what its traps do to each orientation, and which traps to build."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,30 +17,49 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, plain
 from resting_aspects_ros.report.format import interval_text, numbers_text, share_text
 from resting_aspects_ros.report.table import Table
+from resting_aspects_ros.simulation.conditions import quantities_of
 from resting_aspects_ros.statistics.intervals import Interval, intervals
-from resting_aspects_ros.tracks.design import Band
+from resting_aspects_ros.tracks.design import Band, DesignResult
 from resting_aspects_ros.tracks.orientations import AT_WALL, Orientation, mirror_images
 from resting_aspects_ros.tracks.rate import Passage
 from resting_aspects_ros.tracks.show import (
     band_table,
+    flow_figure,
     interval_words,
     margin_text,
     outcome_fields,
     range_text,
     row_fields,
     row_table,
+    rows_figure,
     rows_text,
     shown_rows,
+    track_figure,
     trap_table,
 )
 from resting_aspects_ros.tracks.simulate import TrackRuns
-from resting_aspects_ros.tracks.traps import Cut, Trap, trap_text
+from resting_aspects_ros.tracks.traps import Cut, Trap, trap_text, value_text
 from resting_aspects_ros.vision.outline import seen_outline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from resting_aspects_ros.report.page import Page
+    from resting_aspects_ros.report.page import Item, Page
+
+PAGE, FIGURES = 'track.html', ('orientations', 'track', 'flow')
+MANY_ROWS = 12  # a longer table of the traps is shown on request
+# Sentences of the flags, with the rows.
+_FLAGS = {
+    'rolls': 'The part rolls in {}: its outcome is not known.',
+    'unknown': 'Statics does not tell what becomes of {}: only edges of the part touch the track, '
+    'it drops into the trap, or it turns over.',
+    'falls_off': 'These fall off the track before the first trap: {}.',
+    'jams': '{jams} % of the parts jam in a trap: {}.',
+    'margin_below_tolerance': 'The margin of {} is less than the tolerances of part and trap '
+    'together, {tolerance}.',
+    'alike': 'The {} are alike to these traps, as mirror images are: where one of them passes, '
+    'all do.',
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,19 +71,19 @@ class TrackResult(Result):
     drop : DropResult
         The drops from which the shares of the aspects are.
     passage : Passage
-        Rows, outcomes of the traps, and what follows from them.
+        Rows, outcomes of the traps, and what follows from them; with the traps of the best design,
+        if there is one.
     before : tuple of ReorientResult
         The actions that the parts undergo before the traps, in their order.
     runs : TrackRuns or None
         What became of simulated parts.
     interrupted : bool
         Whether parts should have been simulated, but were not.
-    alike : tuple of int
-        Of a design: ids of the wanted rows, and of those that its traps cannot separate from them.
-    margin : float or None
-        Of a design: its least margin, m.
-    bands : tuple of (Trap, str, int, Band)
-        Of a design by simulation: trap, its dimension, row, and the grey band.
+    design : DesignResult or None
+        The designs that `design_track` found, the one with the largest margin first. Only the
+        bands of the first are simulated.
+    advice : tuple of str
+        What separates rows that these designs do not separate, in sentences.
     """
 
     drop: DropResult
@@ -72,9 +91,8 @@ class TrackResult(Result):
     before: tuple[ReorientResult, ...] = ()
     runs: TrackRuns | None = None
     interrupted: bool = False
-    alike: tuple[int, ...] = ()
-    margin: float | None = None
-    bands: tuple[tuple[Trap, str, int, Band], ...] = ()
+    design: DesignResult | None = None
+    advice: tuple[str, ...] = ()
 
     @property
     def part(self) -> Part:
@@ -87,13 +105,22 @@ class TrackResult(Result):
         return self.passage.rows
 
     @property
+    def alike(self) -> tuple[int, ...]:
+        """Of a design: ids of the wanted rows, and of those that no trap separates from them."""
+        return self.design.alike if self.design is not None and self.design.designs else ()
+
+    @property
+    def bands(self) -> tuple[tuple[Trap, str, int, Band], ...]:
+        """Of a design by simulation: trap, its dimension, row, and the grey band."""
+        if self.design is None:
+            return ()
+        return self.design.designs[0].bands if self.design.designs else self.design.bands
+
+    @property
     def complete(self) -> bool:
         """Whether all drops, actions and runs are made."""
-        return (
-            self.drop.complete
-            and all(each.complete for each in self.before)
-            and not self.interrupted
-        )
+        acted = all(each.complete for each in self.before)
+        return self.drop.complete and acted and not self.interrupted
 
     @property
     def title(self) -> str:
@@ -113,11 +140,6 @@ class TrackResult(Result):
         return [trap_text(trap) for trap in self.passage.track.traps]
 
     @cached_property
-    def mirrored(self) -> list[tuple[int, ...]]:
-        """For each row, ids of the rows that are its mirror images along the track."""
-        return mirror_images(self.rows, AT_WALL * self.part.hull_radius)
-
-    @cached_property
     def row_intervals(self) -> list[Interval]:
         """Share of each row with the interval that follows from the number of drops and actions.
 
@@ -131,7 +153,7 @@ class TrackResult(Result):
             number = min(number, int(each.matrix.actions.max()))
         found = []
         for row in self.rows:
-            share = float(sum(shares[number_ - 1] for number_ in row.aspects))
+            share = float(sum(shares[aspect - 1] for aspect in row.aspects))
             own = intervals([round(share * number)], number)[0]
             yaw = row.probability / share if share else 0.0
             low, high = min(own.lower, share), max(own.upper, share)
@@ -142,9 +164,23 @@ class TrackResult(Result):
 
     @cached_property
     def sentences(self) -> list[str]:
-        """What follows, and what limits it, in sentences."""
-        found = [*self._rate_sentences(), *self._run_sentences(), *self._warnings()]
-        return [*found, *filter(None, [self.drop.range_text])]
+        """The designs, what follows from the traps, and what limits it, in sentences."""
+        return [
+            *self._design_sentences(),
+            *self._rate_sentences(),
+            *self._run_sentences(),
+            *self._warnings(),
+            *filter(None, [self.drop.range_text]),
+            *self.advice,
+        ]
+
+    def _design_sentences(self) -> Iterator[str]:
+        for k, each in enumerate(self.design.designs if self.design is not None else ()):
+            traps = '; '.join(map(trap_text, each.passage.track.traps)) or 'no trap'
+            margin = 'no further trap is needed'
+            if np.isfinite(each.margin):
+                margin = f'margin {margin_text(each.margin)}'
+            yield f'{"Alternative" if k else "Best design"}: {traps}; {margin}.'
 
     def _rate_sentences(self) -> Iterator[str]:
         found = self.passage
@@ -156,9 +192,9 @@ class TrackResult(Result):
             else:
                 yield f'No part arrives in {rows}.'
             return
-        rate, purity = found.rate, found.purity
+        purity = found.purity
         yield (
-            f'{range_text(*rate, "good parts per minute")}: '
+            f'{range_text(*found.rate, "good parts per minute")}: '
             f'{range_text(100 * low, 100 * high, "%")} of the parts pass in {rows}, with '
             f'{range_text(100 * purity[0], 100 * purity[1], "%")} purity.'
         )
@@ -178,7 +214,7 @@ class TrackResult(Result):
             yield f'A good part needs {passes} of the traps on average; {back}.'
 
     def _blocked(self) -> str:
-        """Return which trap stops the wanted row."""
+        """Return which trap stops the first wanted row."""
         k = next(k for k, row in enumerate(self.rows) if row.id in self.passage.wanted)
         for number, of_trap in enumerate(self.passage.outcomes, 1):
             if of_trap[k].outcome != 'pass':
@@ -189,7 +225,6 @@ class TrackResult(Result):
         runs, found = self.runs, self.passage
         if runs is None:
             return
-        passed, total = runs.passed, runs.parts
         ids = [row.id for row in self.rows]
         groups = {
             'the wanted rows': np.isin(ids, found.wanted),
@@ -199,21 +234,18 @@ class TrackResult(Result):
         shares = []
         for name, group in groups.items():
             if group.any():
-                share = intervals([int(passed[group].sum())], int(group.sum()) * total)[0]
-                shares.append(f'{interval_words(share)} of {name}')
+                passed, total = int(runs.passed[group].sum()), int(group.sum()) * runs.parts
+                shares.append(f'{interval_words(intervals([passed], total)[0])} of {name}')
         yield (
-            f'Of {total} simulated parts of each row, these pass: {"; ".join(shares)}. That gives '
-            f'{self.simulated_efficiency * found.arrivals:.1f} good parts per minute.'
+            f'Of {runs.parts} simulated parts of each row, these pass: {"; ".join(shares)}. That '
+            f'gives {self.simulated_efficiency * found.arrivals:.1f} good parts per minute.'
         )
-        jams = int(runs.jams.sum())
-        if jams:
-            rows = [row.id for row, n in zip(self.rows, runs.jams.tolist(), strict=True) if n]
-            yield f'{jams} of the {len(ids) * total} simulated parts jam: {rows_text(rows)}.'
+        if jams := int(runs.jams.sum()):
+            rows = [row for row, n in zip(ids, runs.jams.tolist(), strict=True) if n]
+            yield f'{jams} of the {len(ids) * runs.parts} simulated parts jam: {rows_text(rows)}.'
         for t, of_trap in enumerate(found.outcomes):
             rows = [
-                row.id
-                for k, row in enumerate(self.rows)
-                if runs.agrees(t, k, of_trap[k].outcome) is False
+                row for k, row in enumerate(ids) if runs.agrees(t, k, of_trap[k].outcome) is False
             ]
             if rows:
                 yield f'At trap {t + 1}, the simulation contradicts statics in {rows_text(rows)}.'
@@ -231,57 +263,51 @@ class TrackResult(Result):
         return float((share * self.passage.probability)[mask].sum())
 
     @cached_property
-    def flags(self) -> list[dict[str, object]]:
+    def flags(self) -> list[dict[str, Any]]:
         """What limits the result, as flags with the ids of the rows."""
         found = self.passage
-        limit = found.tolerance.both
-        ends = list(zip(self.rows, found.ends, strict=True))
-        close = {
-            row.id
-            for of_trap in found.outcomes
-            for row, each in zip(self.rows, of_trap, strict=True)
-            if abs(each.margin) < limit
-        }
+        ends = dict(zip(self.rows, found.ends, strict=True))
+        rolls = [row for row in self.rows if row.rolls]
+        unknown = [row for row, end in ends.items() if end in ('unknown', 'turn')]
+        close = [
+            row
+            for k, row in enumerate(self.rows)
+            if any(abs(of_trap[k].margin) < found.tolerance.both for of_trap in found.outcomes)
+        ]
         rows = {
-            'rolls': [row.id for row in self.rows if row.rolls],
-            'unknown': [
-                row.id for row, end in ends if end in ('unknown', 'turn') and not row.rolls
-            ],
+            'rolls': rolls,
+            'unknown': [row for row in unknown if not row.rolls],
             'falls_off': [
-                row.id
+                row
                 for row, each in zip(self.rows, found.entry, strict=True)
                 if each.outcome != 'pass'
             ],
-            'jams': [row.id for row, end in ends if end == 'jam'],
-            'margin_below_tolerance': sorted(close),
-            'alike': list(self.alike) if len(self.alike) > 1 else [],
+            'jams': [row for row, end in ends.items() if end == 'jam'],
+            'margin_below_tolerance': close,
+            'alike': [row for row in self.rows if row.id in self.alike and len(self.alike) > 1],
         }
-        return [{'flag': name, 'orientations': ids} for name, ids in rows.items() if ids]
+        return [
+            {'flag': name, 'orientations': [row.id for row in each]}
+            for name, each in rows.items()
+            if each
+        ]
 
     def _warnings(self) -> Iterator[str]:
         found = self.passage
-        texts = {
-            'rolls': 'The part rolls in {}: its outcome is not known.',
-            'unknown': 'Statics does not tell what becomes of {}: only edges of the part '
-            'touch the track, it drops into the trap, or it turns over.',
-            'falls_off': 'These fall off the track before the first trap: {}.',
-            'jams': f'{share_text(found.jams)} % of the parts jam in a trap: {{}}.',
-            'margin_below_tolerance': 'The margin of {} is less than the tolerances of part '
-            f'and trap together, {margin_text(found.tolerance.both)}.',
-            'alike': 'The {} are alike to these traps, as mirror images are: where one of them '
-            'passes, all do.',
+        values = {
+            'jams': share_text(found.jams),
+            'tolerance': margin_text(found.tolerance.both),
         }
         shown = {self.rows[k].id for k in shown_rows(found)}
         for flag in self.flags:
-            given: Any = flag['orientations']
-            ids = [number for number in given if number in shown]
+            ids = [number for number in flag['orientations'] if number in shown]
             if ids:
-                yield texts[str(flag['flag'])].format(rows_text(ids))
+                yield _FLAGS[flag['flag']].format(rows_text(ids), **values)
         lost = 1 - float(found.probability.sum())
         if self.before and lost > 5e-4:
             yield f'{share_text(lost)} % of the parts are in no aspect after the actions.'
 
-    # -- Tables, documents, pictures --------------------------------------------------------------
+    # -- Tables and documents ---------------------------------------------------------------------
 
     def tables(self) -> list[Table]:
         """Return the tables of the rows, of what each trap does to them, and of grey bands."""
@@ -332,25 +358,17 @@ class TrackResult(Result):
 
     def _row_fields(self) -> list[dict[str, Any]]:
         low, high = self.passage.passing
-        columns = zip(
-            self.rows,
-            self.row_intervals,
-            self.mirrored,
-            self.passage.entry,
-            low,
-            high,
-            strict=True,
-        )
+        mirrored = mirror_images(self.rows, AT_WALL * self.part.hull_radius)
         return [
             {
                 **row_fields(row),
-                'lower': share.lower,
-                'upper': share.upper,
-                'alike': list(alike),
-                'on_track': entry.outcome,
-                'passes': [float(least), float(most)],
+                'lower': self.row_intervals[k].lower,
+                'upper': self.row_intervals[k].upper,
+                'alike': list(mirrored[k]),
+                'on_track': self.passage.entry[k].outcome,
+                'passes': [float(low[k]), float(high[k])],
             }
-            for row, share, alike, entry, least, most in columns
+            for k, row in enumerate(self.rows)
         ]
 
     def _trap_fields(self) -> list[dict[str, Any]]:
@@ -362,7 +380,7 @@ class TrackResult(Result):
                 'results': [
                     {
                         **outcome_fields(row.id, found.outcomes[t][k]),
-                        'simulated': None if self.runs is None else self._run_fields(t, k),
+                        'simulated': self._run_fields(t, k),
                     }
                     for k, row in enumerate(self.rows)
                 ],
@@ -372,9 +390,8 @@ class TrackResult(Result):
 
     def _run_fields(self, t: int, k: int) -> dict[str, Any] | None:
         runs = self.runs
-        assert runs is not None
-        share = runs.share(t, k)
-        if share is None or not runs.simulated[t]:
+        share = None if runs is None else runs.share(t, k)
+        if runs is None or share is None or not runs.simulated[t]:
             return None
         passed, turned, rejected, jammed = runs.counts[t, k].tolist()
         return {
@@ -400,11 +417,14 @@ class TrackResult(Result):
         }
 
     def _design_fields(self) -> dict[str, Any] | None:
-        if self.margin is None:
+        if self.design is None:
             return None
         return {
-            'margin': plain(self.margin),
-            'alike': list(self.alike),
+            'proposals': [
+                {'margin': plain(each.margin), 'traps': each.passage.track.document['traps']}
+                for each in self.design.designs
+            ],
+            'alike': list(self.design.alike),
             'bands': [
                 {
                     'trap': trap.kind,
@@ -415,6 +435,7 @@ class TrackResult(Result):
                 }
                 for trap, name, row, band in self.bands
             ],
+            'advice': list(self.advice),
         }
 
     def save_csv(self, path: str | Path) -> None:
@@ -432,22 +453,95 @@ class TrackResult(Result):
             lines.append(line)
         write_rows(Path(path), lines)
 
+    # -- Pictures and page ------------------------------------------------------------------------
+
     def figure(self) -> 'Figure':
         """Return each orientation from above, with its contact, and whether it passes."""
-        from resting_aspects_ros.tracks.show import rows_figure
-
         rows = [self.rows[k] for k in shown_rows(self.passage)]
         outlines = [self._outline(row) for row in rows]
-        regions = [self._supported(row) for row in rows]
-        return rows_figure(self.passage, outlines, regions)
+        return rows_figure(self.passage, outlines, [self._supported(row) for row in rows])
 
     def page(self) -> 'Page':
         """Return a page with the rows, the track to scale, and where the parts go."""
-        from resting_aspects_ros.api.track_page import track_page
+        # This import takes about a second.
+        from resting_aspects_ros.api.pages import part_facts, run_facts
+        from resting_aspects_ros.report.page import Chart, Page, Section, Text, file_names, reading
 
-        return track_page(self)
+        covered, run = self.drop.range_text, self.drop.run
+        rows, *of_traps = self.tables()
+        rows.title = ''
+        rows.caption = f'{rows.caption} {covered}'.rstrip()
+        chart = Chart(
+            'orientations',
+            'Each orientation from above at the wall, with its contact and its centre of mass',
+            self.figure,
+            'From above; the wall is the thick line, and parts move to the right. Blue: where the '
+            'part touches the track. Dashed: the region that the narrowest part of the track '
+            'supports, in which the centre of mass, the cross, has to be. The margin is that of '
+            'the trap that stops the row, or the least one.',
+            self.figure,
+        )
+        sections = [Section('Orientations on the track', 'orientations', [chart, rows])]
+        if self.trap_names:
+            sections.append(Section('Traps', 'traps', list(self._trap_items(of_traps))))
+        return Page(
+            file=PAGE,
+            title=run.part,
+            topic='track',
+            lead='What passes the traps of the track',
+            subtitle=self.title.split('\n')[0],
+            sections=sections,
+            reading=reading('track'),
+            facts={
+                'Part': part_facts(self.part, run, self.drop.distribution.aspects),
+                'Track': list(self._track_facts()),
+                'Run': run_facts(run, self.drop.distribution.drops, 'drops'),
+            },
+            top=[Text(each, 'verdict') for each in self.sentences if each != covered],
+            names=file_names(PAGE, FIGURES),
+        )
+
+    def _trap_items(self, tables: list[Table]) -> 'Iterator[Item]':
+        """Yield the track to scale, the tables of the traps and of the bands, and the flow."""
+        from resting_aspects_ros.report.page import Chart, Fold
+
+        found, names = self.passage, self.trap_names
+        wanted = next(row for row in self.rows if row.id in found.wanted)
+        cuts = [t.removed() if isinstance(t, Cut) else None for t in found.track.traps]
+        draw = partial(track_figure, found.track.surface.width, names, cuts, self._outline(wanted))
+        flow = partial(flow_figure, found, names)
+        yield Chart(
+            'track',
+            'The track from above with its traps, to scale',
+            draw,
+            'To scale, from above, with the first wanted orientation before the traps.',
+            draw,
+        )
+        of_traps, *of_bands = tables
+        if len(of_traps.rows) > MANY_ROWS:
+            yield Fold('what each trap does to each row', [of_traps])
+        else:
+            yield of_traps
+        yield from of_bands
+        yield Chart(
+            'flow',
+            'Share of the parts before and after each trap, by row',
+            flow,
+            'The height of a band is a share of the parts, and its number a row. Below are the '
+            'parts that leave the track; grey is what statics does not tell.',
+            flow,
+        )
+
+    def _track_facts(self) -> Iterator[tuple[str, str]]:
+        """Yield label and value of each dimension of the track: mm and degrees."""
+        track = self.passage.track
+        for of in (track.surface, track.wall, track):
+            for name, each in quantities_of(of).items():
+                label = each.label if name not in ('friction', 'height') else each.text
+                yield label, value_text(getattr(of, name), each.unit)
 
     def _outline(self, row: Orientation) -> shapely.Geometry:
+        """Return the outline of a row from above, m, the wall at y = 0."""
         outline = seen_outline(self.part, row.orientation)
         return shapely.affinity.translate(outline, 0.0, row.yaw.distance)
 
@@ -459,105 +553,9 @@ class TrackResult(Result):
                 area = area.difference(trap.removed())
         return shapely.convex_hull(shapely.intersection(row.contact, area))
 
-    def wanted_outline(self) -> shapely.Geometry:
-        """Return the outline of the first wanted row from above, m, the wall at y = 0."""
-        return self._outline(next(row for row in self.rows if row.id in self.passage.wanted))
-
-    def cuts(self) -> list[shapely.Geometry | None]:
-        """Return what each trap cuts out of the track, m; None: nothing."""
-        return [
-            trap.removed() if isinstance(trap, Cut) else None for trap in self.passage.track.traps
-        ]
-
 
 def _cell(value: Any) -> str:
     """Return a value of a CSV file: lists have spaces between their items."""
     if isinstance(value, list):
         return ' '.join(map(str, value))
     return '' if value is None else str(value)
-
-
-@dataclass(frozen=True, eq=False)
-class TrackDesign(Result):
-    """Traps that pass only wanted orientations, or what cannot be separated from them.
-
-    Attributes
-    ----------
-    designs : tuple of TrackResult
-        The proposals, the one with the largest margin first; empty if no set of traps passes only
-        the wanted rows. Only the bands of the first are simulated.
-    bare : TrackResult
-        The track without proposed traps.
-    alike : tuple of int
-        Ids of the wanted rows, and of those that no trap separates from them.
-    advice : tuple of str
-        What separates rows that these traps do not separate, in sentences.
-    """
-
-    designs: tuple[TrackResult, ...]
-    bare: TrackResult
-    alike: tuple[int, ...]
-    advice: tuple[str, ...]
-
-    @property
-    def best(self) -> TrackResult:
-        """The best design; the track without proposed traps if there is none."""
-        return self.designs[0] if self.designs else self.bare
-
-    @property
-    def complete(self) -> bool:
-        """Whether all drops, actions and runs are made."""
-        return self.best.complete
-
-    @cached_property
-    def sentences(self) -> list[str]:
-        """The proposals, what follows from the best one, and advice."""
-        names = ['Best design', *['Alternative'] * len(self.designs)]
-        proposals = [
-            f'{name}: {"; ".join(each.trap_names) or "no trap"}; '
-            + (
-                f'margin {margin_text(each.margin)}.'
-                if each.margin is not None and np.isfinite(each.margin)
-                else 'no further trap is needed.'
-            )
-            for name, each in zip(names, self.designs, strict=False)
-        ]
-        return [*proposals, *self.best.sentences, *self.advice]
-
-    def tables(self) -> list[Table]:
-        """Return the tables of the best design."""
-        return self.best.tables()
-
-    def document(self) -> dict[str, object]:
-        """Return the document of the best design, with all proposals."""
-        found = self.best.document()
-        proposals = [
-            {'margin': plain(each.margin), 'traps': each.passage.track.document['traps']}
-            for each in self.designs
-        ]
-        bands: Any = found['design'] or {'bands': []}
-        return {
-            **found,
-            'design': {
-                'proposals': proposals,
-                'alike': list(self.alike),
-                'bands': bands['bands'],
-                'advice': list(self.advice),
-            },
-            'summary': self.sentences,
-        }
-
-    def save_csv(self, path: str | Path) -> None:
-        """Write the rows of the best design; see TrackResult."""
-        self.best.save_csv(path)
-
-    def figure(self) -> 'Figure':
-        """Return the picture of the best design."""
-        return self.best.figure()
-
-    def page(self) -> 'Page':
-        """Return the page of the best design."""
-        from resting_aspects_ros.api.track_page import track_page, verdicts
-
-        page = track_page(self.best)
-        return replace(page, top=verdicts(self.sentences, self.best.drop.range_text))

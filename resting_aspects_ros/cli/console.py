@@ -1,28 +1,17 @@
-"""Tables and texts on standard output, and the progress of a replay."""
-
-from typing import TYPE_CHECKING
+"""Tables and texts on standard output."""
 
 from rich.console import Console
 from rich.measure import Measurement
 
-from resting_aspects_ros.api.conditions import outcome_hints, simulated_shapes
+from resting_aspects_ros.api.conditions import outcome_hints, pieces_text, simulated_pieces
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.model_range import model_range_text
-from resting_aspects_ros.api.runner import ShownProgress
-from resting_aspects_ros.cli.life_cycle import note_table
+from resting_aspects_ros.cli.life_cycle import shown_tables
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.drops import (
-    contact_table,
-    distribution_table,
-    merged_text,
-    never_seen_text,
-)
+from resting_aspects_ros.report.drops import contact_table, distribution_table
 from resting_aspects_ros.report.format import size_text
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.distribution import Distribution
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.nodes.log_replayer.node import ReplayPosition
 
 # Width of a table that is written to a pipe or a file.
 PIPED_WIDTH = 80
@@ -41,21 +30,18 @@ def make_console() -> Console:
 
 def show_table(table: Table) -> None:
     """Print a table without cutting off digits, even if it is wider than the terminal."""
-    note_table(table)
+    shown_tables.append(table)
     console = make_console()
     options = console.options.update(width=MAX_WIDTH)
     console.width = max(console.width, Measurement.get(console, options, table).maximum)
     console.print(table)
 
 
-def show_texts(*texts: str, soft_wrap: bool = False) -> None:
-    """Print texts in lines of the width of the terminal, except empty ones.
-
-    With ``soft_wrap`` the terminal wraps them.
-    """
+def show_texts(*texts: str) -> None:
+    """Print texts in lines of the width of the terminal, except empty ones."""
     console = make_console()
     for text in filter(None, texts):
-        console.print(text, markup=False, highlight=False, soft_wrap=soft_wrap)
+        console.print(text, markup=False, highlight=False)
 
 
 def print_table(
@@ -66,13 +52,9 @@ def print_table(
     each: bool = False,
     no_model_range: str = '',
 ) -> None:
-    """Print the table of a distribution, with bounds for aspects that were never seen."""
+    """Print the table of a distribution, and what the model range covers."""
     show_table(distribution_table(distribution, title, part, each=each))
-    show_texts(
-        model_range_text(distribution.model, no_model_range),
-        never_seen_text(distribution, each=each),
-        merged_text(distribution.aspects),
-    )
+    show_texts(model_range_text(distribution.model, no_model_range))
 
 
 def print_result(result: DropResult, *, each: bool = False) -> None:
@@ -88,31 +70,8 @@ def print_result(result: DropResult, *, each: bool = False) -> None:
     print_table(result.distribution, title, part, each=each, no_model_range=missing)
     if result.contacts is not None and result.contacts.placements:
         show_table(contact_table(result.contacts, result.distribution))
-    if shapes := simulated_shapes(part, result.run.conditions):
-        show_texts(*shapes.sentences())
-    radius = part.hull_radius if part else None
-    show_texts(*outcome_hints(result.distribution, result.run.conditions, radius))
+    if pieces := simulated_pieces(part, result.run.conditions):
+        show_texts(pieces_text(pieces, 'The surroundings meet'))
+    show_texts(*outcome_hints(result.distribution, result.run.conditions))
     if result.convergence is not None:
         print(result.convergence.text())
-
-
-class ReplayProgress(ShownProgress):
-    """Progress bar with the position of a replay; only on a terminal."""
-
-    def __init__(self) -> None:
-        super().__init__('', 1.0)
-
-    def update(self, position: 'ReplayPosition') -> None:
-        """Update the displayed position; the first call shows the bar, the end removes it."""
-        if self._bar is None:
-            return
-        self._bar.update(
-            self._task,
-            description='paused' if position.paused else 'replay',
-            completed=1.0 if position.over else position.seconds / (position.length or 1.0),
-            text=str(position),
-        )
-        self._bar.start()
-        if position.over:
-            self._bar.stop()
-            self._bar = None

@@ -9,8 +9,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,44 +17,30 @@ from resting_aspects_ros.system import Interruption, available_cores, catch
 
 if TYPE_CHECKING:
     from resting_aspects_ros.report.table import Table
-    from resting_aspects_ros.simulation.workers import Workers
 
 T = TypeVar('T')
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
-@dataclass(frozen=True)
-class Session:
-    """The workers of a command, and whether it was interrupted."""
-
-    workers: 'Workers'
-    stop: Interruption
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """The options of the functions that simulate."""
-        return {'workers': self.workers, 'progress': True, 'stopped': lambda: self.stop.asked}
-
-
 @contextmanager
-def session(arguments: argparse.Namespace) -> Iterator[Session]:
+def session(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Start the workers that --workers or --scheduler requests, and note Ctrl-C inside the `with`.
 
-    The workers are stopped last, so that the result is written even if stopping them fails.
-    Raises InvalidValueError.
+    Yields the options of the functions that simulate. The workers are stopped last, so that the
+    result is written even if stopping them fails. Raises InvalidValueError.
     """
     with Interruption() as stop:
         # This import is slow because of NumPy.
         from resting_aspects_ros.simulation.workers import ClusterWorkers, LocalWorkers
 
-        workers: Workers
+        workers: ClusterWorkers | LocalWorkers
         if arguments.scheduler is not None:
             workers = ClusterWorkers(arguments.scheduler)
         else:
             count = available_cores() if arguments.workers is None else arguments.workers
             workers = LocalWorkers(count)
         try:
-            yield Session(workers, stop)
+            yield {'workers': workers, 'progress': True, 'stopped': lambda: stop.asked}
         finally:
             workers.stop()
 
@@ -72,38 +56,27 @@ def partial_result(simulate: Callable[[], T]) -> tuple[T, RestingAspectsError | 
 
 
 def exit_code(
-    has: str,
-    *,
-    complete: bool,
-    failure: RestingAspectsError | None = None,
-    unchecked: bool = False,
+    has: str, started: dict[str, Any], failure: RestingAspectsError | None = None
 ) -> int:
-    """Return the exit code, after a message if the result is not complete; raises the failure.
+    """Return the exit code, after a message if Ctrl-C was pressed; raises the failure.
 
-    Parameters
-    ----------
-    has : str
-        How much the result has.
-    unchecked : bool
-        Whether Ctrl-C ended the check of the convergence.
+    has : how much the result has
     """
     if failure is not None:
         raise type(failure)(f'{failure}; the result has {has}')
-    if not complete:
-        print(f'interrupted; the result has {has}', file=sys.stderr)
-    elif unchecked:
-        print('interrupted; convergence was not checked', file=sys.stderr)
-    return INTERRUPTED if unchecked or not complete else DONE
+    if not started['stopped']():
+        return DONE
+    print(f'interrupted; the result has {has}', file=sys.stderr)
+    return INTERRUPTED
 
 
 # -- Files ----------------------------------------------------------------------------------------
 
 
 def result_folder(arguments: argparse.Namespace, part: str, files: Iterable[str]) -> Path | None:
-    """Make the folder of a result with the given files.
+    """Make the folder of a result with the given files; None if nothing is saved.
 
-    Returns None if nothing is saved. Raises InvalidValueError if the folder, or a file in it,
-    cannot be written.
+    Raises InvalidValueError if the folder, or a file in it, cannot be written.
     """
     from resting_aspects_ros.api.result import check_files
 
@@ -115,14 +88,8 @@ def result_folder(arguments: argparse.Namespace, part: str, files: Iterable[str]
     return out
 
 
-# Tables that the command has shown; None unless they are written into a file.
-_shown: ContextVar['list[Table] | None'] = ContextVar('shown', default=None)
-
-
-def note_table(table: 'Table') -> None:
-    """Note a table that is shown, for `tables_written`."""
-    if (tables := _shown.get()) is not None:
-        tables.append(table)
+# Tables that the command has shown, for --table.
+shown_tables: 'list[Table]' = []
 
 
 @contextmanager
@@ -134,40 +101,29 @@ def tables_written(path: Path | None) -> Iterator[None]:
 
     Raises InvalidValueError for another ending, or if the file cannot be written; OutputError.
     """
+    shown_tables.clear()
     if path is None:
         yield
         return
     # These imports are slow, and only needed for files.
-    from resting_aspects_ros.api.result import check_output
-    from resting_aspects_ros.report.table import check_ending
+    from resting_aspects_ros.api.result import check_output, whole_file
+    from resting_aspects_ros.report.table import check_ending, save_csv, save_xlsx
 
     check_ending('--table', path)
     check_output('--table', path)
-    tables: list[Table] = []
-    token = _shown.set(tables)
     try:
         yield
-        if not tables:
+        if not shown_tables:
             warn(f'{path} was not written: there is no table')
     finally:  # also the tables of a partial result
-        _shown.reset(token)
-        _save_tables(tables, path)
-
-
-def _save_tables(tables: Sequence['Table'], path: Path) -> None:
-    from resting_aspects_ros.api.result import whole_file
-    from resting_aspects_ros.report.table import save_csv, save_xlsx
-
-    if not tables:
-        return
-    if path.suffix.lower() == '.xlsx':
-        with whole_file(path) as file:
-            save_xlsx(tables, file)
-    else:
-        for number, table in enumerate(tables, start=1):
-            name = path if number == 1 else path.with_stem(f'{path.stem}_{number}')
-            with whole_file(name) as file:
-                save_csv(table, file)
+        if path.suffix.lower() != '.xlsx':
+            for number, table in enumerate(shown_tables, start=1):
+                name = path if number == 1 else path.with_stem(f'{path.stem}_{number}')
+                with whole_file(name) as file:
+                    save_csv(table, file)
+        elif shown_tables:
+            with whole_file(path) as file:
+                save_xlsx(shown_tables, file)
 
 
 def finish(
@@ -183,19 +139,12 @@ def finish(
 
     Parameters
     ----------
-    out : Path or None
-        Folder of the result; None to save nothing.
-    document : (str, callable)
-        Name of the file of the JSON document, and what returns it. --json prints it.
-    files : mapping of str to callable
-        What writes each other file.
-    show : callable
-        Prints the result without --json.
-    report : callable, optional
-        Writes the report into the folder, and returns its path. If there is a flag --report, it
-        must be given.
-    written : sequence of Path
-        Files that are written already.
+    out : folder of the result; None to save nothing
+    document : name of the file of the JSON document, and what returns it; --json prints it
+    files : what writes each other file
+    show : prints the result without --json
+    report : writes the report into the folder, and returns its path; a flag --report must be given
+    written : files that are written already
     """
 
     def shown() -> None:
@@ -235,7 +184,7 @@ def show_result(
 ) -> None:
     """Print the JSON document if --json requests it, else the tables and texts of a result."""
     if arguments.json:
-        sys.stdout.write(document())
+        print(document(), end='')
     else:
         show()
 

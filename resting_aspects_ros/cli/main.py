@@ -1,9 +1,4 @@
-"""The command `resting_aspects`.
-
-Exit codes: 0 done; 2 wrong input, nothing was done; 1 a failure during the work (workers died
-repeatedly, a node died, the disk is full, no suite responds); 130 interrupted. For exit codes 1
-and 130, partial results are saved. An error is one line on standard error.
-"""
+"""The command `resting_aspects`: parses its words, runs a subcommand, reports errors in a line."""
 
 import argparse
 import errno
@@ -16,37 +11,26 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 from io import TextIOWrapper
-from pathlib import Path
 from typing import Any, NoReturn
 
-from resting_aspects_ros import __version__
-from resting_aspects_ros.cli.life_cycle import FAILED, INTERRUPTED, WRONG_INPUT, tables_written
-from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS, ROS
-from resting_aspects_ros.errors import (
-    MAX_PATH,
-    InvalidValueError,
-    NoLogError,
-    PartError,
-    RestingAspectsError,
-    RestingAspectsWarning,
-    StoppedError,
-    UnknownPartError,
-    did_you_mean,
-    one_line,
-    shown,
+from resting_aspects_ros import __version__, errors
+from resting_aspects_ros.cli.life_cycle import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    WRONG_INPUT,
+    tables_written,
 )
+from resting_aspects_ros.cli.verbs import COMMANDS, GROUPS
 from resting_aspects_ros.system import SIGNALS, catch
 
 MAX_LINE = 2000
+# Modules of ROS and of the messages of the suite.
+ROS = re.compile(r'[^.]*(rclpy|_interfaces|_msgs|_srvs)\b')
+# Errors of input: the exit code is 2.
+WRONG = errors.PartError, errors.UnknownPartError, errors.InvalidValueError, errors.NoLogError
 INSTALL_ROS = 'run `make setup` in a clone of the suite, or use an installed ROS 2 Jazzy'
-MIN_MEMORY = 512 << 20  # bytes
-# Messages of the dynamic linker, of C libraries and of Python if a thread or memory is refused.
-_NO_MEMORY = re.compile(
-    'failed to map segment|annot allocate|nable to allocate|can.t start new thread|bad_alloc'
-)
-_WRITE_ERRORS = {errno.EBADF, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 DESCRIPTION = """How a part comes to rest when it is dropped, and how probable each way is.
 Start with: resting_aspects drop l_bracket"""
@@ -72,10 +56,9 @@ class _Parser(argparse.ArgumentParser):
         if re.fullmatch(r'unrecognized arguments:[ \d,]+', message):
             message += '; several numbers are separated by commas without spaces, such as 1,3'
         elif unknown := re.match(r'unrecognized arguments: (--[a-z-]+)', message):
-            message += did_you_mean(unknown[1], self.flags)
-        self.exit(
-            WRONG_INPUT, f'error: {_line(message)} (see {self.helpful or self.prog} --help)\n'
-        )
+            message += errors.did_you_mean(unknown[1], self.flags)
+        text = f'{errors.one_line(message, MAX_LINE)} (see {self.helpful or self.prog} --help)'
+        self.exit(WRONG_INPUT, f'error: {text}\n')
 
 
 def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
@@ -94,12 +77,11 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
     requested = next((word for word in argv if not word.startswith('-')), '')
     if argv and requested == argv[0] and requested not in COMMANDS:
         parser.error(
-            f'invalid command {shown(requested)}: expected one of {", ".join(COMMANDS)}'
-            f'{did_you_mean(requested, COMMANDS)}'
+            f'invalid command {errors.shown(requested)}: expected one of {", ".join(COMMANDS)}'
+            f'{errors.did_you_mean(requested, COMMANDS)}'
         )
     for command in COMMANDS:
         if command == requested:
-            _check_memory()
             module = import_module(f'resting_aspects_ros.cli.verbs.{command}')
             subparser = subparsers.add_parser(
                 command,
@@ -108,7 +90,7 @@ def make_parser(argv: Sequence[str]) -> argparse.ArgumentParser:
                 formatter_class=argparse.RawDescriptionHelpFormatter,
             )
             module.add_arguments(subparser)
-            subparser.set_defaults(run=module.run, command=command)
+            subparser.set_defaults(run=module.run)
             parser.helpful = subparser.prog
             parser.flags = re.findall(r'--[a-z][a-z-]+', subparser.format_usage())
         else:
@@ -127,7 +109,6 @@ def _listed_commands() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    _open_closed_streams()
     if isinstance(sys.stdout, TextIOWrapper):
         # Output contains file names, which the terminal's encoding may not represent.
         sys.stdout.reconfigure(errors='backslashreplace')
@@ -140,26 +121,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         catch(signal.default_int_handler)
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter('always', RestingAspectsWarning)
+                warnings.simplefilter('always', errors.RestingAspectsWarning)
                 warnings.showwarning = partial(_print_warning, warnings.showwarning)
                 arguments = make_parser(words).parse_args(words)
-                if arguments.command in GROUPS[ROS]:
-                    _check_ros(arguments.command)
                 with tables_written(getattr(arguments, 'table', None)):
-                    code = int(arguments.run(arguments))
+                    code: int = arguments.run(arguments) or DONE
         finally:
-            sys.stdout.flush()
+            print(end='', flush=True)  # standard output may be closed
     except BrokenPipeError:  # the reader of the pipe closed it
         _discard_output()
         return FAILED
-    except KeyboardInterrupt as interrupt:
+    except KeyboardInterrupt:
         # Block further signals: the interpreter removes its handlers as it ends, and the exit code
         # would become that of the signal. Threads that libraries started are not blocked.
         if hasattr(signal, 'pthread_sigmask'):
             signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-        return _end(INTERRUPTED, str(interrupt) or 'interrupted')
+        return _end(INTERRUPTED, 'interrupted')
+    except errors.StoppedError as error:
+        return _end(INTERRUPTED, str(error))
     except Exception as error:  # noqa: BLE001 an unknown error is raised again
         return _end(*_outcome(error))
     return code
@@ -169,46 +150,10 @@ def _print_warning(
     show: Callable[..., object], message: Warning | str, category: type[Warning], *where: Any
 ) -> None:
     """Print a warning of the suite as one line, and show any other one."""
-    if issubclass(category, RestingAspectsWarning):
+    if issubclass(category, errors.RestingAspectsWarning):
         print(f'warning: {message}', file=sys.stderr)
     else:
         show(message, category, *where)
-
-
-def _check_ros(command: str) -> None:
-    """Raise RestingAspectsError if ROS, or the messages of the suite, are not installed."""
-    for package in ('rclpy', 'resting_aspects_interfaces'):
-        if find_spec(package) is None:
-            raise RestingAspectsError(f'{command} needs {package}: {INSTALL_ROS}')
-
-
-def _check_memory() -> None:
-    """Raise RestingAspectsError if memory is so limited that importing OpenBLAS ends or hangs."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY and limit < MIN_MEMORY:
-        raise RestingAspectsError(
-            f'memory is limited to {limit >> 20} MiB (ulimit -v): expected at least '
-            f'{MIN_MEMORY >> 20} MiB'
-        )
-
-
-def _open_closed_streams() -> None:
-    """Open the null device in place of closed standard streams.
-
-    Otherwise the next file that is opened takes the place of the stream. Standard output is opened
-    for reading, so that writing the result fails as it does for any other program.
-    """
-    for number, name in enumerate(('stdin', 'stdout', 'stderr')):
-        if getattr(sys, name) is None:
-            null = os.open(os.devnull, os.O_WRONLY if name == 'stderr' else os.O_RDONLY)
-            os.dup2(null, number)
-            os.set_inheritable(number, True)
-            mode = 'r' if name == 'stdin' else 'w'
-            setattr(sys, name, open(number, mode, encoding='utf-8', closefd=False))  # noqa: SIM115
 
 
 def _discard_output() -> None:
@@ -218,48 +163,22 @@ def _discard_output() -> None:
 
 def _outcome(error: Exception) -> tuple[int, str]:
     """Return exit code and message of an error; raises an unexpected error again."""
-    if _is_of_memory(error):
-        return FAILED, 'error: there is not enough memory'
-    if isinstance(error, ModuleNotFoundError) and _is_of_ros(error.name or ''):
-        return FAILED, f'error: this needs {error.name}: {INSTALL_ROS}'
-    if isinstance(error, PartError | UnknownPartError | InvalidValueError | NoLogError):
-        return WRONG_INPUT, f'error: {error}'
-    if isinstance(error, StoppedError):
-        return INTERRUPTED, str(error)
-    if isinstance(error, RestingAspectsError):
-        return FAILED, f'error: {error}'
-    if isinstance(error, OSError):
-        return FAILED, f'error: {_place(error)}{error.strerror or error}'
-    raise error
-
-
-def _is_of_ros(module: str) -> bool:
-    """Return whether a module belongs to ROS or to the messages of the suite."""
-    return module.partition('.')[0].endswith(('rclpy', '_interfaces', '_msgs', '_srvs'))
-
-
-def _is_of_memory(error: BaseException | None) -> bool:
-    """Return whether an error, or one of its causes, reports that memory was refused."""
-    while error is not None:
-        refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
-        if isinstance(error, MemoryError) or refused or _NO_MEMORY.search(str(error)):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
-
-
-def _place(error: OSError) -> str:
-    """Return the file or stream that could not be read or written."""
-    if error.filename:
-        return f'{error.filename!r}: '
-    if error.errno in _WRITE_ERRORS:  # errors of other files have a path
-        _discard_output()
-        return 'standard output: '
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return 'the working folder: '
-    return ''
+    code, text = FAILED, str(error)
+    if isinstance(error, WRONG):
+        code = WRONG_INPUT
+    elif isinstance(error, MemoryError):
+        text = 'there is not enough memory'
+    elif isinstance(error, ModuleNotFoundError) and ROS.match(error.name or ''):
+        text = f'this needs {error.name}: {INSTALL_ROS}'
+    elif isinstance(error, OSError):
+        place = f'{error.filename!r}: ' if error.filename else ''
+        if not place and error.errno == errno.ENOSPC:  # errors of other files have a path
+            _discard_output()
+            place = 'standard output: '
+        text = f'{place}{error.strerror or error}'
+    elif not isinstance(error, errors.RestingAspectsError):
+        raise error
+    return code, f'error: {text}'
 
 
 def _joined(argv: Sequence[str]) -> list[str]:
@@ -277,11 +196,5 @@ def _joined(argv: Sequence[str]) -> list[str]:
 
 def _end(code: int, message: str) -> int:
     with suppress(OSError):  # the terminal is closed
-        print(_line(message), file=sys.stderr)
+        print(errors.one_line(message, MAX_LINE), file=sys.stderr)
     return code
-
-
-def _line(message: str) -> str:
-    """Return a message as one short line without control characters."""
-    message = re.sub(rf'\S{{{MAX_PATH + 1},}}', lambda word: shown(word[0])[1:-1], message)
-    return one_line(message, MAX_LINE)

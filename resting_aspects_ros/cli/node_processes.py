@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 from resting_aspects_ros.errors import RestingAspectsError
 
@@ -30,10 +29,11 @@ class NodeProcesses:
     """Running nodes, whose output is in <folder>/<node>.log.
 
     Requires an Interruption: if Ctrl-C raised an exception in `start`, a process could be left.
+    ``interruption`` raises KeyboardInterrupt after Ctrl-C.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, interruption: Callable[[], None]) -> None:
+        self._folder, self._interruption = folder, interruption
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> 'NodeProcesses':  # noqa: PYI034 - Self is newer than Python 3.10
@@ -52,16 +52,13 @@ class NodeProcesses:
                 start_new_session=True,
             )
 
-    def wait_until_ready(self, check: Callable[[], None]) -> None:
-        """Wait until each node has logged that it is ready; raises RestingAspectsError.
-
-        check : called often; an exception that it raises ends the wait
-        """
+    def wait_until_ready(self) -> None:
+        """Wait until each node has logged that it is ready; raises RestingAspectsError."""
         end = time.monotonic() + START_TIMEOUT
         for node in self._running:
             log = log_of(self._folder, node)
             while b': ready' not in log.read_bytes():
-                check()
+                self.check()
                 if time.monotonic() > end:
                     raise RestingAspectsError(
                         f'{node} is not ready after {START_TIMEOUT:g} s: see {str(log)!r}'
@@ -69,19 +66,15 @@ class NodeProcesses:
                 time.sleep(START_PERIOD)
 
     def check(self) -> None:
-        """Raise RestingAspectsError if a node has ended."""
+        """Raise RestingAspectsError if a node has ended, and KeyboardInterrupt after Ctrl-C."""
+        self._interruption()
         for node, process in self._running.items():
             if (code := process.poll()) is not None:
                 raise RestingAspectsError(
-                    f'{node} ended {_manner(code)}: see {str(log_of(self._folder, node))!r}'
+                    f'{node} ended with exit code {code}: see {str(log_of(self._folder, node))!r}'
                 )
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         # SIGTERM ends a node without a traceback even while it is still importing.
         for process in self._running.values():
             process.terminate()
@@ -98,9 +91,3 @@ class NodeProcesses:
 def log_of(folder: Path, node: str) -> Path:
     """Return the file with the output of a node."""
     return folder / f'{node}.log'
-
-
-def _manner(code: int) -> str:
-    if code >= 0:
-        return f'with exit code {code}'
-    return f'by signal {signal.Signals(-code).name}'

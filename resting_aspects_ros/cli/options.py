@@ -1,32 +1,21 @@
 """Options that several subcommands share, and numbers with a unit."""
 
 import argparse
+import math
 from collections.abc import Iterable, Mapping
-from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import NUMBER, parse_quantity
-from resting_aspects_ros.simulation.conditions import (
-    BULLET,
-    CUDA,
-    DEFAULT_DROPS,
-    DEFAULT_SEED,
-    DEFAULT_SURFACE,
-    KERNEL,
-    QUANTITIES,
-    DropConditions,
-    HeightOf,
-    Quantity,
-    check_drops,
-)
+from resting_aspects_ros.simulation import conditions
 
 if TYPE_CHECKING:
     from resting_aspects_ros.part.part import Part
+    from resting_aspects_ros.simulation.actions import Actions
 
-MAX_DIGITS = 20
+MAX_INTEGER = 1e20
 
 
 def add_integer(
@@ -54,6 +43,34 @@ def add_share(
     parser.add_argument(flag, metavar=metavar, type=share, default=default, help=text)
 
 
+def add_number(
+    parser: 'argparse._ActionsContainer',
+    flag: str,
+    unit: str,
+    text: str,
+    *,
+    default: str | None = None,
+    dest: str | None = None,
+) -> None:
+    """Add a flag whose value is a number with a unit, such as 60mm; it becomes a float in SI."""
+    parser.add_argument(
+        flag,
+        metavar=unit.upper().replace(' ', '') or 'X',
+        type=partial(parse_quantity, flag, unit=unit),
+        default=default,
+        dest=dest or flag[2:].replace('-', '_'),
+        help=text,
+    )
+
+
+def add_numbers(
+    parser: 'argparse._ActionsContainer', flag: str, metavar: str, text: str, action: str = 'store'
+) -> None:
+    """Add a flag whose value is numbers, such as 1,3."""
+    numbers = partial(parse_numbers, flag)
+    parser.add_argument(flag, metavar=metavar, type=numbers, action=action, help=text)
+
+
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the part, a name or a file; see `part.library`."""
     parser.add_argument('part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
@@ -79,11 +96,7 @@ def add_part_place(parser: argparse.ArgumentParser) -> None:
 
 
 def requested_part(arguments: argparse.Namespace, given: str | None = None) -> 'Part':
-    """Return the part that the flags request, or a ``given`` one with their unit and body.
-
-    Raises RestingAspectsError.
-    """
-    # This import is slow because of NumPy, which --help does not need.
+    """Return the part that the flags request, or a ``given`` one with their unit and body."""
     from resting_aspects_ros.part.library import load_part
 
     name = arguments.part if given is None else given
@@ -92,13 +105,8 @@ def requested_part(arguments: argparse.Namespace, given: str | None = None) -> '
 
 def add_confidence(parser: argparse.ArgumentParser) -> None:
     """Add --confidence, a share."""
-    add_share(
-        parser,
-        '--confidence',
-        'C',
-        'confidence of the intervals: more than 0.5 and less than 1 (0.95)',
-        default='0.95',
-    )
+    text = 'confidence of the intervals: more than 0.5 and less than 1 (0.95)'
+    add_share(parser, '--confidence', 'C', text, default='0.95')
 
 
 def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
@@ -121,15 +129,7 @@ def add_output(parser: argparse.ArgumentParser, *, each: bool = True) -> None:
 
 
 def add_out(parser: argparse.ArgumentParser, text: str, page: str = '') -> None:
-    """Add --out, and --report if the command can write a page.
-
-    Parameters
-    ----------
-    text : str
-        What is written.
-    page : str
-        Name of the page, and what it shows.
-    """
+    """Add --out, which writes what ``text`` says, and --report for a ``page``."""
     parser.add_argument('--out', metavar='DIR', type=Path, help=text)
     if page:
         parser.add_argument(
@@ -141,13 +141,9 @@ def add_out(parser: argparse.ArgumentParser, text: str, page: str = '') -> None:
 
 def add_seed(parser: argparse.ArgumentParser, what: str) -> None:
     """Add --seed; ``what`` is the same for the same seed."""
-    add_integer(
-        parser,
-        '--seed',
-        f'the same seed gives the same {what} ({DEFAULT_SEED})',
-        metavar='S',
-        default=DEFAULT_SEED,
-    )
+    seed = conditions.DEFAULT_SEED
+    text = f'the same seed gives the same {what} ({seed})'
+    add_integer(parser, '--seed', text, metavar='S', default=seed)
 
 
 def add_model_range(parser: argparse.ArgumentParser) -> None:
@@ -166,13 +162,23 @@ def add_actions_file(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_conditions(parser: argparse.ArgumentParser, default: str = DEFAULT_SURFACE) -> None:
-    """Add --surface and a flag for each condition, generated from QUANTITIES."""
-    group = _add_surface(parser, 'conditions of the drops', QUANTITIES, default)
+def known_actions(arguments: argparse.Namespace) -> 'Actions':
+    """Return the actions of the file that --actions names, or those of the suite."""
+    from resting_aspects_ros.api.conditions import shipped_actions
+    from resting_aspects_ros.simulation.actions import Actions
+
+    return shipped_actions() if arguments.actions is None else Actions(arguments.actions)
+
+
+def add_conditions(
+    parser: argparse.ArgumentParser, default: str = conditions.DEFAULT_SURFACE
+) -> None:
+    """Add --surface and a flag for each condition, generated from conditions.QUANTITIES."""
+    group = _add_surface(parser, 'conditions of the drops', conditions.QUANTITIES, default)
     group.add_argument(
         '--height-of',
         type=str.upper,
-        choices=[h.name for h in HeightOf],
+        choices=[h.name for h in conditions.HeightOf],
         help='reference point of the height',
     )
 
@@ -201,13 +207,15 @@ def add_surroundings(parser: argparse.ArgumentParser) -> None:
 
 def add_contact_conditions(parser: argparse.ArgumentParser) -> None:
     """Add --surface and a flag for each condition that matters for parts at rest, too."""
-    contact = {name: each for name, each in QUANTITIES.items() if not each.at_release}
-    _add_surface(parser, 'conditions of the contact', contact, DEFAULT_SURFACE)
-    parser.set_defaults(**dict.fromkeys([*QUANTITIES.keys() - contact.keys(), 'height_of']))
+    contact = {name: each for name, each in conditions.QUANTITIES.items() if not each.at_release}
+    _add_surface(parser, 'conditions of the contact', contact, conditions.DEFAULT_SURFACE)
 
 
 def _add_surface(
-    parser: argparse.ArgumentParser, title: str, quantities: Mapping[str, Quantity], default: str
+    parser: argparse.ArgumentParser,
+    title: str,
+    quantities: Mapping[str, conditions.Quantity],
+    default: str,
 ) -> 'argparse._ArgumentGroup':
     group = parser.add_argument_group(
         title,
@@ -231,27 +239,21 @@ def _add_surface(
 
 
 def add_quantities(
-    group: 'argparse._ArgumentGroup', quantities: Mapping[str, Quantity], prefix: str = ''
+    group: 'argparse._ArgumentGroup',
+    quantities: Mapping[str, conditions.Quantity],
+    prefix: str = '',
 ) -> None:
     """Add a flag for each quantity; its attribute has the prefix before the name."""
     for name, quantity in quantities.items():
-        group.add_argument(
-            flag_of(name),
-            metavar=quantity.unit.upper().replace(' ', '') or 'X',
-            dest=prefix + name,
-            help=f'{quantity.text}: {quantity.allowed()}',
-        )
+        text = f'{quantity.text}: {quantity.allowed()}'
+        add_number(group, flag_of(name), quantity.unit, text, dest=prefix + name)
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Add --workers and --scheduler, which tell where to simulate; see start_workers."""
     place = parser.add_mutually_exclusive_group()
-    add_integer(
-        place,
-        '--workers',
-        'number of worker threads, or of processes of Bullet (one per core)',
-        metavar='W',
-    )
+    text = 'number of worker threads, or of processes of Bullet (one per core)'
+    add_integer(place, '--workers', text, metavar='W')
     place.add_argument(
         '--scheduler',
         metavar='ADDRESS',
@@ -265,42 +267,36 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
     engine = parser.add_mutually_exclusive_group()
     engine.add_argument(
         '--engine',
-        choices=(KERNEL, BULLET),
+        choices=(conditions.KERNEL, conditions.BULLET),
         default='',
         help='what simulates the drops: kernel, 30 times faster, or bullet, an independent check '
         '(kernel, but bullet where parts fall from an edge or touch blocks or a mesh)',
     )
     engine.add_argument(
         '--device',
-        choices=(CUDA,),
+        choices=(conditions.CUDA,),
         dest='engine',
         help='run the kernel on an NVIDIA GPU; needs the package numba-cuda',
     )
 
 
-def requested_conditions(arguments: argparse.Namespace) -> DropConditions:
+def requested_conditions(arguments: argparse.Namespace) -> conditions.DropConditions:
     """Return the conditions that the flags request; raises InvalidValueError."""
-    # These imports are slow because of pydantic and NumPy, which --help does not need.
     from resting_aspects_ros.api.conditions import requested_surroundings, with_surroundings
-    from resting_aspects_ros.simulation.conditions import all_surfaces
 
-    surface = all_surfaces(arguments.surfaces).get(arguments.surface)
-    conditions = surface.changed(**changed_conditions(arguments))
-    name = getattr(arguments, 'surroundings', None)
+    surface = conditions.all_surfaces(arguments.surfaces).get(arguments.surface)
+    name, changes = getattr(arguments, 'surroundings', None), getattr(arguments, 'set', [])
     return with_surroundings(
-        conditions, requested_surroundings(name, getattr(arguments, 'set', []))
+        surface.changed(**changed_conditions(arguments)), requested_surroundings(name, changes)
     )
 
 
 def changed_conditions(arguments: argparse.Namespace) -> dict[str, object]:
     """Return the conditions that have a flag of their own among the arguments."""
-    changes: dict[str, object] = {
-        name: parse_quantity(flag_of(name), text, quantity.unit)
-        for name, quantity in QUANTITIES.items()
-        if (text := getattr(arguments, name)) is not None
-    }
-    if arguments.height_of is not None:
-        changes['height_of'] = HeightOf[arguments.height_of]
+    given = {name: getattr(arguments, name, None) for name in conditions.QUANTITIES}
+    changes: dict[str, object] = {k: value for k, value in given.items() if value is not None}
+    if (height_of := getattr(arguments, 'height_of', None)) is not None:
+        changes['height_of'] = conditions.HeightOf[height_of]
     return changes
 
 
@@ -316,12 +312,12 @@ def add_ros_args(parser: argparse.ArgumentParser) -> None:
 
 
 def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
-    """Add --drops, --precision and --seed, each None by default; see requested_number."""
+    """Add --drops, --precision and --seed."""
     add_integer(
         parser,
         '--drops',
-        f'number of drops ({DEFAULT_DROPS}); 385 give intervals of about +-0.05, 10000 of '
-        '+-0.01. With --precision the maximum (as many as needed)',
+        f'number of drops ({conditions.DEFAULT_DROPS}); 385 give intervals of about +-0.05, '
+        '10000 of +-0.01. With --precision the maximum (as many as needed)',
     )
     add_share(
         parser,
@@ -333,27 +329,6 @@ def add_run(parser: argparse.ArgumentParser, default_seed: str) -> None:
     add_integer(
         parser, '--seed', f'the same seed gives the same drops ({default_seed})', metavar='S'
     )
-
-
-def requested_number(arguments: argparse.Namespace) -> tuple[int, float]:
-    """Return the number of drops and the precision that the flags request; 0: not given."""
-    precision = requested_precision(arguments)
-    if not precision:
-        return DEFAULT_DROPS if arguments.drops is None else arguments.drops, 0.0
-    if arguments.drops is not None:
-        check_drops(arguments.drops)
-    return arguments.drops or 0, precision
-
-
-def requested_precision(arguments: argparse.Namespace) -> float:
-    """Return the precision that the flags request, 0 without one; raises InvalidValueError."""
-    if arguments.precision is None:
-        return 0.0
-    # This import is slow, and --help does not need it.
-    from resting_aspects_ros.statistics.intervals import check_precision
-
-    check_precision(arguments.precision)
-    return float(arguments.precision)
 
 
 def refuse(
@@ -404,11 +379,10 @@ def parse_integer(text: str) -> int:
     except ValueError:
         pass
     try:
-        number = Decimal(text)
-    except InvalidOperation:
-        number = Decimal('NaN')
-    # Refuses NaN, infinity, fractions, and more digits than any option accepts.
-    if not number.is_finite() or number.adjusted() > MAX_DIGITS or number != int(number):
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not number.is_integer() or not 0 < abs(number) < MAX_INTEGER:
         raise argparse.ArgumentTypeError(f'{shown(text)} is not an integer, such as 1000 or 1e4')
     return int(number)
 

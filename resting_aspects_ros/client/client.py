@@ -6,30 +6,15 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 import numpy.typing as npt
 from geometry_msgs.msg import Point, Quaternion
 from rclpy.node import Node
 from rclpy.task import Future
+from resting_aspects_interfaces import msg, srv
 from resting_aspects_interfaces.action import DropPart, ReorientPart
-from resting_aspects_interfaces.msg import (
-    AspectDistribution,
-    FeederAction,
-    PartDescription,
-    Status,
-    TransitionMatrix,
-)
-from resting_aspects_interfaces.msg import DropConditions as DropConditionsMsg
-from resting_aspects_interfaces.srv import (
-    ClassifyPose,
-    FeederForecast,
-    GetDistribution,
-    GetTransitions,
-    IdentifyPart,
-)
 
 from resting_aspects_ros.api.plan import DEFAULT_ACTION, DEFAULT_PER_ASPECT, named_action
 from resting_aspects_ros.client.connection import (
@@ -42,22 +27,15 @@ from resting_aspects_ros.client.connection import (
 )
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part, is_valid_name
-from resting_aspects_ros.ros.conversions import conditions_from, conditions_msg, part_from
-from resting_aspects_ros.ros.discovery import published_parts
-from resting_aspects_ros.ros.distribution_conversions import action_msg
-from resting_aspects_ros.ros.interface import (
-    CLASSIFY_POSE,
-    DEFAULT_CONDITIONS,
-    DROP_PART,
-    DROP_SIMULATOR,
-    FORECAST,
-    GET_DISTRIBUTION,
-    GET_TRANSITIONS,
-    IDENTIFY_PART,
-    PARTS,
-    REORIENT_PART,
+from resting_aspects_ros.ros import interface
+from resting_aspects_ros.ros.conversions import (
+    conditions_from,
+    conditions_msg,
+    part_from,
+    polygon_msgs,
 )
-from resting_aspects_ros.ros.outline_conversions import polygon_msgs
+from resting_aspects_ros.ros.distribution_conversions import action_msg
+from resting_aspects_ros.ros.health import published_parts
 from resting_aspects_ros.ros.requests import NotAvailableError, status_error, unknown_part
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS, DEFAULT_SEED, DropConditions
@@ -71,7 +49,6 @@ PART_TIMEOUT = 5.0
 COUNT_TIMEOUT = 120.0
 
 P = ParamSpec('P')
-Self = TypeVar('Self', bound='RestingAspectsClient')  # typing.Self is newer than Python 3.10
 Progress = Callable[[int], object]
 
 
@@ -92,13 +69,9 @@ def _awaitable(
 class RestingAspectsClient:
     """Client of a running suite: distributions, transitions, poses, outlines, forecasts, parts.
 
-    Every request waits for its result::
-
-        with RestingAspectsClient() as client:
-            distribution = client.get_distribution('l_bracket', drops=1000)
-
-    and has a variant that ends in ``_async``, which returns a rclpy Future at once. Await it in an
-    async callback of a node, or pass it to ``rclpy.spin_until_future_complete``::
+    Every request waits for its result, and has a variant that ends in ``_async``, which returns a
+    rclpy Future at once. Await it in an async callback of a node, or pass it to
+    ``rclpy.spin_until_future_complete``::
 
         client = RestingAspectsClient(node)
         distribution = await client.get_distribution_async('l_bracket', drops=1000)
@@ -120,9 +93,6 @@ class RestingAspectsClient:
     ros_args : sequence of str, optional
         ROS arguments without a node, such as ``['-r', '__ns:=/cell_1']``. None: those on the
         command line of the program after --ros-args.
-    warn : callable, optional
-        Called with the text of each warning, for example that no classifier is ready yet. None:
-        the node logs warnings.
     check : callable
         Called often while a request waits; an exception that it raises ends the wait.
 
@@ -140,12 +110,10 @@ class RestingAspectsClient:
         node: Node | None = None,
         *,
         ros_args: Sequence[str] | None = None,
-        warn: Callable[[str], object] | None = None,
         check: Callable[[], None] = lambda: None,
     ) -> None:
         self._node = node
         self._connection = Connection(node, ros_args, check)
-        self._warn = warn or (node or self._connection.node).get_logger().warning
         self._active = 0
         self._changed = threading.Condition()
         self._thread = threading.local()  # `canceled`, in the thread of a future
@@ -157,15 +125,10 @@ class RestingAspectsClient:
             self._changed.wait_for(lambda: not self._active, 2 * END_TIMEOUT)
         self._connection.close()
 
-    def __enter__(self: Self) -> Self:  # noqa: PYI019
+    def __enter__(self) -> 'RestingAspectsClient':  # noqa: PYI034 - Self is newer than Python 3.10
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def get_distribution(
@@ -181,7 +144,7 @@ class RestingAspectsClient:
         only_known: bool = False,
         timeout: float | None = None,
         progress: Progress = lambda _: None,
-    ) -> AspectDistribution:
+    ) -> msg.AspectDistribution:
         """Return the distribution of a part; if it is not known, the part is dropped first.
 
         Parameters
@@ -220,7 +183,7 @@ class RestingAspectsClient:
         if drops is None:
             drops = 0 if precision else 1 if only_known else DEFAULT_DROPS
         request = _message(
-            GetDistribution.Request,
+            srv.GetDistribution.Request,
             part=part,
             method=method,
             **_conditions(surface, conditions),
@@ -229,27 +192,22 @@ class RestingAspectsClient:
             seed=[] if seed is None else [seed],
             only_known=True,
         )
-        unknown = (Status.NOT_AVAILABLE, Status.UNKNOWN_PART)
+        unknown = (msg.Status.NOT_AVAILABLE, msg.Status.UNKNOWN_PART)
         with self._request(f'the distribution of {part}', timeout) as pending:
-            response = pending.call(GetDistribution, GET_DISTRIBUTION, request)
+            response = pending.call(srv.GetDistribution, interface.GET_DISTRIBUTION, request)
             if only_known or response.status.code not in unknown:
                 return _ok(response).distribution
             names = ('part', 'surface', 'conditions', 'drops', 'precision')
             goal = DropPart.Goal(**{name: getattr(request, name) for name in names})
             goal.seed = request.seed[0] if request.seed else DEFAULT_SEED
-            try:
-                result = _ok(pending.simulate(DropPart, DROP_PART, goal, progress))
-            except AnswerTimeoutError as error:
-                if pending.state:
-                    raise
-                raise AnswerTimeoutError(f'{error}; {response.status.message}') from None
+            result = _ok(pending.simulate(DropPart, interface.DROP_PART, goal, progress))
             progress(result.drops)
             pending.state = f'{result.drops} drops are done and being counted'
             # The batches were sent before the result, but may arrive after it.
             request.seed = [goal.seed]
             end = time.monotonic() + COUNT_TIMEOUT
             while True:
-                response = pending.call(GetDistribution, GET_DISTRIBUTION, request)
+                response = pending.call(srv.GetDistribution, interface.GET_DISTRIBUTION, request)
                 if response.status.code not in unknown:
                     return _ok(response).distribution
                 if time.monotonic() > end:
@@ -257,7 +215,7 @@ class RestingAspectsClient:
                         f'the {result.drops} drops of run {result.run_id} were not counted within '
                         f'{COUNT_TIMEOUT:g} s: {response.status.message}'
                     )
-                pending.pause(GET_DISTRIBUTION)
+                pending.pause(interface.GET_DISTRIBUTION)
 
     def reorient_part(
         self,
@@ -272,7 +230,7 @@ class RestingAspectsClient:
         seed: int = DEFAULT_SEED,
         timeout: float | None = None,
         progress: Progress = lambda _: None,
-    ) -> TransitionMatrix:
+    ) -> msg.TransitionMatrix:
         """Simulate an action on a part at rest in each aspect, and return the transitions.
 
         Parameters
@@ -300,7 +258,7 @@ class RestingAspectsClient:
         if per_aspect is None:
             per_aspect = 0 if precision else DEFAULT_PER_ASPECT
         if isinstance(action, str):
-            requested = _message(FeederAction, name=action)
+            requested = _message(msg.FeederAction, name=action)
         else:
             requested = action_msg(named_action(action))
         goal = _message(
@@ -314,11 +272,12 @@ class RestingAspectsClient:
             seed=seed,
         )
         with self._request(f'the transitions of {part}', timeout) as pending:
-            return _ok(pending.simulate(ReorientPart, REORIENT_PART, goal, progress)).transitions
+            name = interface.REORIENT_PART
+            return _ok(pending.simulate(ReorientPart, name, goal, progress)).transitions
 
     def get_transitions(
         self, part: str, action: str = '', *, timeout: float | None = None
-    ) -> TransitionMatrix:
+    ) -> msg.TransitionMatrix:
         """Return the newest known transitions of a part; simulates nothing.
 
         Parameters
@@ -326,9 +285,10 @@ class RestingAspectsClient:
         action : str
             Name of the action; empty: any.
         """
-        request = _message(GetTransitions.Request, part=part, action=action)
+        request = _message(srv.GetTransitions.Request, part=part, action=action)
         with self._request(f'the known transitions of {part}', timeout) as pending:
-            return _ok(pending.call(GetTransitions, GET_TRANSITIONS, request)).transitions
+            response = pending.call(srv.GetTransitions, interface.GET_TRANSITIONS, request)
+            return _ok(response).transitions
 
     def classify_pose(
         self,
@@ -336,7 +296,7 @@ class RestingAspectsClient:
         orientation: Quaternion | npt.ArrayLike,
         *,
         timeout: float | None = None,
-    ) -> ClassifyPose.Response:
+    ) -> srv.ClassifyPose.Response:
         """Return the aspect of a part in a given orientation.
 
         Parameters
@@ -352,11 +312,11 @@ class RestingAspectsClient:
         """
         if not isinstance(orientation, Quaternion):
             orientation = Quaternion(**_coordinates('orientation', orientation, 'xyzw'))
-        request = _message(ClassifyPose.Request, part=part, orientation=orientation)
+        request = _message(srv.ClassifyPose.Request, part=part, orientation=orientation)
         with self._request(f'the aspect of a pose of {part}', timeout) as pending:
-            response = pending.call(ClassifyPose, CLASSIFY_POSE, request)
+            response = pending.call(srv.ClassifyPose, interface.CLASSIFY_POSE, request)
             # NOT_AVAILABLE with an angle is a result: no aspect matches.
-            if response.status.code == Status.NOT_AVAILABLE and not math.isnan(response.angle):
+            if response.status.code == msg.Status.NOT_AVAILABLE and not math.isnan(response.angle):
                 return response
             return _ok(response)
 
@@ -368,7 +328,7 @@ class RestingAspectsClient:
         noise: float = 0.0,
         camera: npt.ArrayLike | None = None,
         timeout: float | None = None,
-    ) -> IdentifyPart.Response:
+    ) -> srv.IdentifyPart.Response:
         """Return which part an observed polygon shows, in which aspects and where.
 
         Parameters
@@ -391,39 +351,32 @@ class RestingAspectsClient:
         """
         position = [] if camera is None else [Point(**_coordinates('camera', camera, 'xyz'))]
         request = _message(
-            IdentifyPart.Request,
+            srv.IdentifyPart.Request,
             **polygon_msgs(observed_polygon(polygon)),
             parts=parts,
             noise=noise,
             camera=position,
         )
         with self._request('the part of an outline', timeout) as pending:
-            return _ok(pending.call(IdentifyPart, IDENTIFY_PART, request))
+            return _ok(pending.call(srv.IdentifyPart, interface.IDENTIFY_PART, request))
 
     def forecast(
         self, part: str, *, timeout: float | None = None, **options: Any
-    ) -> FeederForecast.Response:
+    ) -> srv.FeederForecast.Response:
         """Return the parts per minute of a feeder, from the known drops and transitions of a part.
 
         Parameters
         ----------
-        part : str
         options
             The other fields of the service FeederForecast, with its defaults: ``aspects`` or
             ``classes`` (in which the robot can pick the part), ``action``, ``use_counts``,
             ``robot_time``, ``vibrate_time``, ``settle_time``, ``image_time``, ``supply_time``,
             ``overlap``, ``place_time`` (s), ``tray``, ``clearance``, ``gripper`` (m),
             ``parts_on_tray``, ``max_picks`` and ``minutes``.
-
-        Returns
-        -------
-        FeederForecast.Response
-            ``parts_per_minute`` with ``lower`` and ``upper``, ``sentence``, and the other fields
-            of the service.
         """
-        request = _message(FeederForecast.Request, part=part, **options)
+        request = _message(srv.FeederForecast.Request, part=part, **options)
         with self._request(f'the forecast of {part}', timeout) as pending:
-            return _ok(pending.call(FeederForecast, FORECAST, request))
+            return _ok(pending.call(srv.FeederForecast, interface.FORECAST, request))
 
     def list_parts(self, *, timeout: float | None = None) -> list[str]:
         """Return the names of the offered parts, sorted, once any is offered.
@@ -437,11 +390,11 @@ class RestingAspectsClient:
             while not (found := self._offered_parts()) or found != before:
                 if time.monotonic() > end:
                     raise AnswerTimeoutError(
-                        f'no {DROP_SIMULATOR} offers parts: start the suite with '
+                        f'no {interface.DROP_SIMULATOR} offers parts: start the suite with '
                         '"resting_aspects nodes"'
                     )
                 before = found
-                pending.pause(PARTS)
+                pending.pause(interface.PARTS)
             return sorted(found)
 
     def get_part(self, part: str) -> Part:
@@ -449,30 +402,24 @@ class RestingAspectsClient:
         if not is_valid_name(part):
             raise unknown_part(part, self._offered_parts())
         with self._request(f'the description of {part}') as pending:
+            topic = f'{interface.PARTS}/{part}'
             try:
-                return part_from(pending.latched(PartDescription, f'{PARTS}/{part}', PART_TIMEOUT))
+                return part_from(pending.latched(msg.PartDescription, topic, PART_TIMEOUT))
             except AnswerTimeoutError as error:
                 offered = self._offered_parts()
                 if offered and part not in offered:
                     raise unknown_part(part, offered) from None
-                if offered:
-                    raise
                 raise AnswerTimeoutError(
-                    f'no {DROP_SIMULATOR} offers {part}: {error}; start the suite with '
+                    f'no {interface.DROP_SIMULATOR} offers {part}: {error}; start the suite with '
                     '"resting_aspects nodes"'
                 ) from None
 
     def default_conditions(self) -> DropConditions:
         """Return the conditions that the simulator uses for a request without a surface."""
         with self._request('the default conditions') as pending:
-            try:
-                message = pending.latched(DropConditionsMsg, DEFAULT_CONDITIONS, PART_TIMEOUT)
-            except AnswerTimeoutError as error:
-                raise AnswerTimeoutError(
-                    'the default surface is unknown, name a surface or start drop_simulator: '
-                    f'{error}'
-                ) from None
-            return conditions_from(message)
+            return conditions_from(
+                pending.latched(msg.DropConditions, interface.DEFAULT_CONDITIONS, PART_TIMEOUT)
+            )
 
     get_distribution_async = _awaitable(get_distribution)
     reorient_part_async = _awaitable(reorient_part)
@@ -483,7 +430,7 @@ class RestingAspectsClient:
     list_parts_async = _awaitable(list_parts)
 
     def _offered_parts(self) -> set[str]:
-        return published_parts(self._connection.node, PARTS, PartDescription)
+        return published_parts(self._connection.node, interface.PARTS, msg.PartDescription)
 
     @contextmanager
     def _request(self, description: str, timeout: float | None = None) -> Iterator[Request]:
@@ -493,7 +440,7 @@ class RestingAspectsClient:
         self._begin()
         canceled = getattr(self._thread, 'canceled', lambda: False)
         try:
-            yield Request(self._connection, description, timeout, self._warn, canceled)
+            yield Request(self._connection, description, timeout, canceled)
         finally:
             self._end()
 
@@ -534,7 +481,7 @@ class RestingAspectsClient:
 
 def _ok(answer: Any) -> Any:
     """Return a response or a result whose status is OK; raises the error that it reports."""
-    if answer.status.code != Status.OK:
+    if answer.status.code != msg.Status.OK:
         raise status_error(answer.status)
     return answer
 

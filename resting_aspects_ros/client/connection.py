@@ -7,10 +7,10 @@ import atexit
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import Future as ThreadFuture
 from concurrent.futures import wait as wait_for_any
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 from uuid import uuid4
@@ -21,16 +21,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from resting_aspects_ros.errors import InvalidValueError, RestingAspectsError
+from resting_aspects_ros.ros import interface
 from resting_aspects_ros.ros.goal_client import goal_result
-from resting_aspects_ros.ros.interface import (
-    ACTION_SERVICES,
-    ASPECT_CLASSIFIER,
-    DROP_PART,
-    DROP_SIMULATOR,
-    LATCHED,
-    PRESENCE,
-    SERVICES,
-)
 from resting_aspects_ros.ros.program import check_domain, not_utf8
 from resting_aspects_ros.ros.requests import CanceledError, NotAvailableError
 
@@ -40,8 +32,6 @@ T = TypeVar('T')
 SERVICE_TIMEOUT = 20.0
 # Timeout for the simulator once the classifier is ready, s.
 SIMULATOR_TIMEOUT = 10.0
-# Time after which a warning reports that a node is not ready, s; starting nodes need less.
-WARN_DELAY = 5.0
 # Time without a response after which a request is sent again, s; it doubles with each retry. A
 # discovered service may not have discovered the client yet, or may have been restarted.
 RETRY_PERIOD = 5.0
@@ -63,18 +53,8 @@ class ClientUseError(RestingAspectsError):
 class Connection:
     """A node of its own, in the context of a given node or in a new one, and the thread of it.
 
-    Parameters
-    ----------
-    node : Node, optional
-        Names are resolved as those of this node. None: a new context with ``ros_args``.
-    ros_args : sequence of str, optional
-        None: the ROS arguments on the command line of the program.
-    check : called often while a request waits; an exception that it raises ends the wait
-
-    Raises
-    ------
-    InvalidValueError
-        ROS rejects the arguments.
+    Names are resolved as those of the given node. Raises InvalidValueError if ROS rejects the
+    arguments. ``check`` is called often while a request waits; what it raises ends the wait.
     """
 
     def __init__(
@@ -155,9 +135,9 @@ class Connection:
             if name not in self._clients:
                 full = self.service(name)
                 self._clients[name] = (
-                    ActionClient(self.node, kind, full, **ACTION_SERVICES)
+                    ActionClient(self.node, kind, full, **interface.ACTION_SERVICES)
                     if hasattr(kind, 'Goal')
-                    else self.node.create_client(kind, full, qos_profile=SERVICES)
+                    else self.node.create_client(kind, full, qos_profile=interface.SERVICES)
                 )
             return self._clients[name]
 
@@ -193,44 +173,20 @@ class Connection:
             self._stopped.set()
 
 
+@dataclass
 class Request:
-    """A request that waits in the thread of the caller.
+    """A request that waits in the thread of the caller."""
 
-    Parameters
-    ----------
-    description : str
-        Description of the result for errors, such as 'the distribution of l_bracket'.
-    timeout : float, optional
-        Timeout of the whole request, s; None: no limit.
-    warn : called once if a node is not ready after WARN_DELAY
-    canceled : returns whether the caller no longer waits
-
-    Attributes
-    ----------
-    state : str
-        Description of the progress for errors.
-    """
-
-    def __init__(
-        self,
-        connection: Connection,
-        description: str,
-        timeout: float | None,
-        warn: Callable[[str], object],
-        canceled: Callable[[], bool],
-    ) -> None:
-        self._connection = connection
-        self._description = description
-        self._timeout = timeout
-        self._warn = warn
-        self._canceled = canceled
-        self._warned = False
-        self._started = time.monotonic()
-        self.state = ''
+    connection: Connection
+    description: str  # of the result, for errors, such as 'the distribution of l_bracket'
+    timeout: float | None  # of the whole request, s
+    canceled: Callable[[], bool]
+    state: str = ''  # description of the progress, for errors
+    _started: float = field(default_factory=time.monotonic)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Return the response of a service of the classifier."""
-        client = self._connection.client(kind, name)
+        client = self.connection.client(kind, name)
         start = 'start the suite with "resting_aspects nodes"'
         period, futures = RETRY_PERIOD, list[Any]()
         answered: ThreadFuture[Any] = ThreadFuture()
@@ -242,7 +198,11 @@ class Request:
         try:
             while True:
                 self._wait_for_node(
-                    ASPECT_CLASSIFIER, name, client.service_is_ready, SERVICE_TIMEOUT, start
+                    interface.ASPECT_CLASSIFIER,
+                    name,
+                    client.service_is_ready,
+                    SERVICE_TIMEOUT,
+                    start,
                 )
                 futures.append(client.call_async(request))
                 futures[-1].add_done_callback(take)
@@ -257,37 +217,39 @@ class Request:
 
     def simulate(self, kind: Any, name: str, goal: Any, progress: Callable[[int], object]) -> Any:
         """Return the result of a goal of drop_part or reorient_part, canceled with the request."""
-        client = self._connection.client(kind, name)
+        client = self.connection.client(kind, name)
         self._wait_for_node(
-            DROP_SIMULATOR, name, client.server_is_ready, SIMULATOR_TIMEOUT, 'start drop_simulator'
+            interface.DROP_SIMULATOR,
+            name,
+            client.server_is_ready,
+            SIMULATOR_TIMEOUT,
+            'start drop_simulator',
         )
-        unit = 'drops' if name == DROP_PART else 'actions'
-        feedback: deque[Any] = deque()
-        wanted, done = True, 0
+        unit = 'drops' if name == interface.DROP_PART else 'actions'
+        wanted, done, reported = True, 0, 0
 
-        def report() -> None:
+        def feedback(message: Any) -> None:
             nonlocal done
-            while feedback:
-                now = feedback.popleft().done
-                if now > done:
-                    done = now
+            done = max(done, message.done)
+
+        run = partial(goal_result, feedback=feedback, wanted=lambda: wanted)
+        result = self.connection.submit(lambda: run(self.connection.node, client, goal))
+        try:
+            while True:
+                is_over = self._wait(result, name)
+                if done > reported:
+                    reported = done
                     self.state = f'{done} {unit} are done'
                     progress(done)
-
-        run = partial(goal_result, feedback=feedback.append, wanted=lambda: wanted)
-        result = self._connection.submit(lambda: run(self._connection.node, client, goal))
-        try:
-            while not self._wait(result, name):
-                report()
-            report()
-            return result.result()
+                if is_over:
+                    return result.result()
         finally:
             wanted = False
             wait_for_any([result], END_TIMEOUT)
 
     def latched(self, kind: Any, name: str, timeout: float) -> Any:
         """Return the latched message of a topic; raises AnswerTimeoutError."""
-        connection = self._connection
+        connection = self.connection
         message: ThreadFuture[Any] = ThreadFuture()
 
         def receive(received: Any) -> None:
@@ -296,7 +258,7 @@ class Request:
 
         subscription = connection.run(
             lambda: connection.node.create_subscription(
-                kind, connection.topic(name), receive, LATCHED
+                kind, connection.topic(name), receive, interface.LATCHED
             )
         )
         try:
@@ -320,38 +282,39 @@ class Request:
         wait_for_any([future], CHECK_PERIOD)
         if future.done():
             return True
-        self._connection.check()
-        if self._canceled():
-            raise CanceledError(f'the request of {self._description} was canceled')
-        if self._timeout is not None and time.monotonic() >= self._started + self._timeout:
+        self._check()
+        if self.timeout is not None and time.monotonic() >= self._started + self.timeout:
             state = f': {self.state}' if self.state else ''
             raise AnswerTimeoutError(
-                f'{self._connection.service(name)} did not return {self._description}, '
-                f'waited {self._timeout:g} s{state}'
+                f'{self.connection.service(name)} did not return {self.description}, '
+                f'waited {self.timeout:g} s{state}'
             )
         return False
+
+    def _check(self) -> None:
+        """Raise RestingAspectsError if the request was canceled, or what the connection raises."""
+        self.connection.check()
+        if self.canceled():
+            raise CanceledError(f'the request of {self.description} was canceled')
 
     def _wait_for_node(
         self, kind: str, name: str, is_offered: Callable[[], bool], timeout: float, hint: str
     ) -> None:
         """Wait until a node of a kind is alive and its service is discovered."""
-        connection = self._connection
-        present = connection.topic(f'{PRESENCE}/{kind}')
-        start = self._started if self._timeout is not None else time.monotonic()
-        timeout = timeout if self._timeout is None else min(timeout, self._timeout)
+        connection = self.connection
+        present = connection.topic(f'{interface.PRESENCE}/{kind}')
+        start = self._started if self.timeout is not None else time.monotonic()
+        timeout = timeout if self.timeout is None else min(timeout, self.timeout)
         while True:
-            connection.check()
+            self._check()
             if is_offered() and connection.node.count_publishers(present):
                 return
             waited = time.monotonic() - start
-            missing = f'no {kind} answers on {connection.service(name)}'
             if waited >= timeout:
-                raise AnswerTimeoutError(f'{missing}, waited {timeout:g} s: {hint}')
-            if waited >= WARN_DELAY and not self._warned:
-                self._warned = True
-                self._warn(f'{missing} yet, waiting up to {timeout:g} s')
-            if self._canceled():
-                raise CanceledError(f'the request of {self._description} was canceled')
+                raise AnswerTimeoutError(
+                    f'no {kind} answers on {connection.service(name)}, waited {timeout:g} s: '
+                    f'{hint}'
+                )
             time.sleep(min(CHECK_PERIOD, timeout - waited))
 
 

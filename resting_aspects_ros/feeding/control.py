@@ -12,15 +12,12 @@ import numpy as np
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.feeding.footprint import FreeShares, free_shares
-from resting_aspects_ros.feeding.forecast import FeederModel, SteadyStates, forecast
+from resting_aspects_ros.feeding.forecast import FeederModel, forecast
 from resting_aspects_ros.feeding.steady_state import (
     CycleTimes,
-    Moves,
-    moves_of,
     picks,
     place_values,
 )
-from resting_aspects_ros.statistics.markov import Mask
 
 # -- What the controller knows --------------------------------------------------------------------
 
@@ -84,16 +81,6 @@ class ControllerModel:
         return self.feeder.times
 
     @cached_property
-    def moves(self) -> Moves:
-        """Shares of the drops and of the flips."""
-        return moves_of(self.feeder.drop, self.feeder.transitions)
-
-    @cached_property
-    def trapped(self) -> Mask:
-        """Classes (k,) from which flips bring no part into a pickable one."""
-        return SteadyStates(self.feeder).trapped
-
-    @cached_property
     def values(self) -> PartValues:
         """Values of the parts with the best number of parts on the tray.
 
@@ -101,24 +88,24 @@ class ControllerModel:
         removes them. Otherwise the long-run rate would be 0, and nothing would have a value.
         """
         feeder = self._without_traps()
-        states = SteadyStates(feeder)
         number, times = self.best_number, self.times
-        state = states.at(self.table, number)
-        rate = float(states.rates(self.table)[number - 1]) / 60
+        state = feeder.state(self.table, number)
+        rate = float(feeder.rates(self.table)[number - 1]) / 60
         if not rate > 0:
             return PartValues(0.0, state.mix, np.zeros_like(state.mix), 0.0)
-        moves = moves_of(feeder.drop, feeder.transitions)
+        moves = feeder.moves
         supply = rate * times.supply
         h = place_values(moves, state, 1 - rate * times.robot - supply, -supply)
         place = float(moves.drop @ h) - supply
         return PartValues(rate, state.mix, moves.transitions @ h + moves.left * place, place)
 
     def _without_traps(self) -> FeederModel:
-        if not self.trapped.any():
+        trapped = self.feeder.trapped
+        if not trapped.any():
             return self.feeder
         counts = np.column_stack([self.feeder.transitions, np.zeros_like(self.feeder.drop)])
-        counts[self.trapped] = 0
-        counts[self.trapped, -1] = 1
+        counts[trapped] = 0
+        counts[trapped, -1] = 1
         return dataclasses.replace(self.feeder, transitions=counts)
 
 
@@ -157,14 +144,29 @@ class Choice(Enum):
 
 @dataclass(frozen=True)
 class Option:
-    """An action of the feeder, after picks or without; `value` is in picks, see `Expected`."""
+    """What the feeder can do after the picks of an image, and what is expected of it.
+
+    action : Choice or None
+        None: only the next image is taken.
+    supply : int
+        Parts supplied with it.
+    later : float
+        Parts picked after the next image.
+    picks : float
+        Parts picked now and after the next image.
+    seconds : float
+        Time until these picks are done, s.
+    rate : float
+        Expected picks in the next minute, if this is chosen now and the feeder then runs as in
+        the forecast; on average the forecast's parts per minute.
+    """
 
     action: Choice | None
     supply: int
-    scores: float
-    found: float
+    later: float
+    picks: float
     seconds: float
-    value: float
+    rate: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +194,7 @@ def possible_options(
     most = len(model.table.free) if model.max_supply is None else model.max_supply
     room = min(max(model.best_number - view.total, 0), most)
     found = [_option(action, view, model, scores, count, room) for action in actions]
-    if view.total and found and not any(option.found > scores + 1e-6 for option in found):
+    if view.total and found and not any(option.later > 1e-6 for option in found):
         # The parts on the tray will not become pickable.
         room = min(max(len(model.table.free) - view.total, room), most)
     if room:
@@ -234,14 +236,14 @@ def _option(
         + values.rate * times.overlap * (1 - found.none)
     )
     best = int(value.argmax())
-    mean = float(found.mean[best])
+    later = float(found.mean[best])
     return Option(
         action,
         int(supply[best]),
-        scores,
-        scores + mean,
-        float(elapsed[best]) + mean * times.robot,
-        float(value[best]),
+        later,
+        scores + later,
+        float(elapsed[best]) + later * times.robot,
+        60 * values.rate + float(value[best]),
     )
 
 
@@ -255,7 +257,7 @@ def _next_image(
     some of the free ones. (The footprint of a gripper can be in the way of a part whose own place
     is free, so that a pick sometimes frees another part; this is neglected.)
     """
-    moves, kept = model.moves, view.free + view.blocked
+    moves, kept = model.feeder.moves, view.free + view.blocked
     new = supply[:, None] * moves.drop
     parts = (kept @ moves.transitions if action is Choice.FLIP else kept) + new
     later = model.table.between(parts.sum(axis=1))
@@ -287,24 +289,6 @@ class SeenPart:
     score: float = 1.0
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What is expected of a choice.
-
-    picks : float
-        Parts picked now and after the next image.
-    seconds : float
-        Time until these picks are done, s.
-    rate : float
-        Expected picks in the next minute, if this is chosen now and the feeder then runs as in
-        the forecast; on average the forecast's parts per minute.
-    """
-
-    picks: float
-    seconds: float
-    rate: float
-
-
 @dataclass(frozen=True, eq=False)
 class Advice:
     """What to do after an image; then the next image is taken.
@@ -317,7 +301,7 @@ class Advice:
         nothing. Who ignores it loses the time of an image.
     supply : int
         Parts to be supplied with the action of the feeder, also with FLIP and SPREAD.
-    expected : mapping from Choice to Expected
+    expected : mapping from Choice to Option
         For each choice that is possible.
     reason : str
     """
@@ -326,7 +310,7 @@ class Advice:
     picks: tuple[int, ...]
     then: Choice | None
     supply: int
-    expected: Mapping[Choice, Expected]
+    expected: Mapping[Choice, Option]
     reason: str
 
 
@@ -339,32 +323,26 @@ def advise(seen: Sequence[SeenPart], model: ControllerModel) -> Advice:
     wait only if there is no part on the tray and none can be supplied.
     """
     chosen = pickable_parts(seen, model)
-    options: dict[Choice, Option] = {}
     view = _view(seen, (), model)
-    for option in possible_options(view, model, 0.0, 0):
-        assert option.action is not None
-        options[option.action] = option
-    best = max(options.values(), key=attrgetter('value'), default=None)
+    options = {
+        option.action or Choice.WAIT: option for option in possible_options(view, model, 0.0, 0)
+    }
+    best = max(options.values(), key=attrgetter('rate'), default=None)
     if chosen:
         scores = sum(seen[i].score for i in chosen)
         rest = _view(seen, chosen, model)
-        best = max(possible_options(rest, model, scores, len(chosen)), key=attrgetter('value'))
+        best = max(possible_options(rest, model, scores, len(chosen)), key=attrgetter('rate'))
         options = {Choice.PICK: best, **options}
     if best is None:
         reason = 'Wait: there is no part on the tray, and none can be supplied.'
         return Advice(Choice.WAIT, (), None, 0, {}, reason)
-    expected = {
-        choice: Expected(option.found, option.seconds, 60 * model.values.rate + option.value)
-        for choice, option in options.items()
-    }
     choice = Choice.PICK if chosen else best.action or Choice.WAIT
     then = best.action if chosen else None
     left = 'the tray is empty'
     if view.total and not chosen:
         left = f'none of the {_parts(view.total)} on the tray can be picked'
         left += f' ({_why_none(seen, model)})'
-    reason = _reason(best, chosen, left)
-    return Advice(choice, chosen, then, best.supply, expected, reason)
+    return Advice(choice, chosen, then, best.supply, options, _reason(best, chosen, left))
 
 
 def _is_free(part: SeenPart, model: ControllerModel) -> bool:
@@ -422,7 +400,7 @@ def _view(seen: Sequence[SeenPart], picked: Sequence[int], model: ControllerMode
 
 def _reason(best: Option, chosen: Sequence[int], left: str) -> str:
     """Return the reason in words; ``left`` states why no part is picked."""
-    more = f'{max(best.found - best.scores, 0.0):.1f}'
+    more = f'{best.later:.1f}'
     supplied = f' and supply {_parts(best.supply)}' if best.supply else ''
     if not chosen:
         verb = f'Supply {_parts(best.supply)}'

@@ -72,8 +72,6 @@ class Simulated(Generic[Found]):
 
     conditions : object
         Only compared: runs under equal conditions continue each other.
-    surface : str
-        Name of the conditions for texts.
     action : str or None
         Name of the action of flips.
     """
@@ -83,7 +81,6 @@ class Simulated(Generic[Found]):
     part: str
     part_sha256: str
     conditions: object
-    surface: str
     complete: bool
     action: str | None = None
 
@@ -175,15 +172,17 @@ class PartEvidence:
     def add_drops(self, new: Simulated[Distribution]) -> bool:
         """Take a distribution; return whether it changes the evidence enough for a new model."""
         old = self._drops
-        if new.found.drops == 0 or (old is not None and _has_fewer_drops(new, old)):
+        if new.found.drops == 0:
             return False
-        self._drops = new
-        if old is not None and old.conditions != new.conditions:
+        if old is not None and (old.part_sha256, old.conditions) == (
+            new.part_sha256,
+            new.conditions,
+        ):
+            if new.found.drops < old.found.drops:  # of another run that overlaps or begins
+                return False
+        else:
             self._used = None
-            self._warn(
-                f'the conditions of run {new.run_id} ({_surface(new)}) differ from those '
-                f'of the previous run ({_surface(old)})'
-            )
+        self._drops = new
         fitting = self._fitting('drops', new)
         self._counted = fitting or self._counted
         return fitting is not None and self._is_new(new.complete)
@@ -298,16 +297,3 @@ def _check_fit(part: KnownPart, run: Simulated[Found]) -> None:
         raise InvalidValueError(
             f'invalid aspects of run {shown(run.run_id)}: expected those of {part.part.name}'
         )
-
-
-def _has_fewer_drops(new: Simulated[Distribution], old: Simulated[Distribution]) -> bool:
-    """Return whether ``old`` has more drops of the same part under the same conditions.
-
-    This happens when two runs overlap, or when a new run starts.
-    """
-    same = (new.part_sha256, new.conditions) == (old.part_sha256, old.conditions)
-    return bool(same and new.found.drops < old.found.drops)
-
-
-def _surface(run: Simulated[Distribution]) -> str:
-    return run.surface or 'own conditions'

@@ -26,15 +26,11 @@ class Footprint:
         Sides of the rectangle, m; both 0 for a disc.
     radius : float
         Distance from the rectangle, m; 0 for a rectangle with sharp corners.
-    grips : tuple of Grip
-        Where the gripper can take the part; one without other parts in its footprint is
-        sufficient. Without any, the tray states what the gripper needs.
     """
 
     length: float
     width: float
     radius: float = 0.0
-    grips: 'tuple[Grip, ...]' = ()
 
     def __post_init__(self) -> None:
         if not all(0 <= value < math.inf for value in (self.length, self.width, self.radius)):
@@ -74,28 +70,6 @@ class Footprint:
 
 
 @dataclass(frozen=True)
-class Grip:
-    """What a gripper covers when it takes a part.
-
-    footprint : Footprint
-    x, y : float
-        Centre relative to that of the part's footprint, along its length and its width, m.
-    yaw : float
-        Angle from the length of the part's footprint to that of the gripper's, rad.
-    """
-
-    footprint: Footprint
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-
-    @property
-    def reach(self) -> float:
-        """Largest distance from the centre of the part's footprint, m."""
-        return math.hypot(self.x, self.y) + self.footprint.reach
-
-
-@dataclass(frozen=True)
 class Tray:
     """The tray and the room that the gripper needs.
 
@@ -108,8 +82,7 @@ class Tray:
         Minimum distance between the outline of a free part and any other outline, m.
     gripper : Footprint or None
         What the gripper covers, centred on the part and turned with it, so that its length is
-        along that of the part, for footprints of parts without grips; None: only the clearance
-        matters.
+        along that of the part; None: only the clearance matters.
     """
 
     size: tuple[float, float]
@@ -172,70 +145,6 @@ def _corners(one: Poses, other: Poses, size: Array) -> tuple[Array, Array]:
     return x - (turn_sin * b)[:, None] * _SIGNS[1], y + (turn_cos * b)[:, None] * _SIGNS[1]
 
 
-# -- Room for grips -------------------------------------------------------------------------------
-
-
-class GripRoom:
-    """The grips of k classes of parts.
-
-    Attributes
-    ----------
-    number : int
-        Largest number of grips of a class; 0 if only the clearance matters.
-    reach : float
-        Largest distance from a part's centre that matters for a grip, m.
-    turn : float
-        Angle by which a part can be turned without a difference, rad: half a turn, if no grip is
-        beside the centre of a rectangle.
-    """
-
-    def __init__(self, tray: Tray, footprints: Sequence[Footprint]) -> None:
-        given = () if tray.gripper is None else (Grip(tray.gripper),)
-        grips = [footprint.grips or given for footprint in footprints]
-        self.number = max((len(each) for each in grips), default=0)
-        self.reach = max((grip.reach for each in grips for grip in each), default=0.0)
-        self.turn = 2 * math.pi if self.number else math.pi
-        self._poses = np.zeros((len(grips), self.number, 4))
-        self._sizes = np.zeros((len(grips), self.number, 3))
-        self._missing = np.zeros((len(grips), self.number), dtype=np.bool_)
-        for k, each in enumerate(grips):
-            self._missing[k, len(each) :] = len(each) > 0
-            for g, grip in enumerate(each):
-                self._poses[k, g] = grip.x, grip.y, np.cos(grip.yaw), np.sin(grip.yaw)
-                self._sizes[k, g] = grip.footprint.values
-
-    def missing(self, kind: Counts) -> Mask:
-        """Return which of the grips (..., number) parts of classes (...) do not have."""
-        return np.asarray(self._missing[kind])
-
-    def hits(self, kind: Counts, poses: Poses, other: Poses, size: Array) -> Mask:
-        """Return in which grips (n, number) of n parts another part reaches.
-
-        Parameters
-        ----------
-        kind : (n,) int
-            Classes of the parts.
-        poses, other : (n, 4) float
-            Poses of the parts and of the others; see `gap`.
-        size : (n, 3) float
-            Values of the footprints of the others.
-        """
-        found = np.zeros((len(kind), self.number), dtype=np.bool_)
-        cos, sin = poses[:, 2], poses[:, 3]
-        for g in range(self.number):
-            x, y, c, s = self._poses[kind, g].T
-            place = poses[:, 0] + cos * x - sin * y, poses[:, 1] + sin * x + cos * y
-            gripper = np.column_stack([*place, cos * c - sin * s, sin * c + cos * s])
-            found[:, g] = gap(gripper, self._sizes[kind, g], other, size) < 0
-        # A footprint of nothing is a point; a part without any grip needs no room for one.
-        return found & self._sizes[kind].any(axis=-1)
-
-
-def free_grip(hit: Mask) -> Mask:
-    """Return whether a grip of each part (...) is free, from the hit ones (..., number)."""
-    return np.asarray(~hit.all(axis=-1)) if hit.shape[-1] else np.ones(hit.shape[:-1], np.bool_)
-
-
 # -- Random places --------------------------------------------------------------------------------
 
 
@@ -244,27 +153,22 @@ def free_grip(hit: Mask) -> Mask:
 TRIES, MIN_FIT = 100, 0.5
 
 
-def random_poses(
-    tray: Tray, sizes: Array, turn: float, generator: np.random.Generator
-) -> tuple[Poses, Mask]:
+def random_poses(tray: Tray, sizes: Array, generator: np.random.Generator) -> tuple[Poses, Mask]:
     """Return random poses (n, 4) within the tray, and whether the parts fit into it so.
 
     Parameters
     ----------
     sizes : (n, 3) float
         Values of the footprints.
-    turn : float
-        Range of the yaw, rad.
     """
-    yaw = generator.uniform(0, turn, len(sizes))
+    yaw = generator.uniform(0, math.pi, len(sizes))
     room = _room(tray, sizes, yaw)
     fits: Mask = np.asarray((room >= 0).all(axis=1))
     for size in np.unique(sizes[~fits], axis=0):
         # A long part may only fit in directions that are hardly ever drawn.
         ways, here = _fitting_yaws(tray, size), ~fits & (sizes == size).all(axis=1)
         if len(ways):
-            chosen = generator.choice(np.concatenate([ways, np.pi - ways]), here.sum())
-            yaw[here] = chosen + (yaw[here] >= np.pi) * np.pi
+            yaw[here] = generator.choice(np.concatenate([ways, np.pi - ways]), here.sum())
             room[here] = np.maximum(_room(tray, sizes[here], yaw[here]), 0.0)
             fits[here] = True
     place = generator.uniform(-1, 1, (len(sizes), 2)) * room
@@ -304,14 +208,13 @@ class Placing:
         self._separated = separated
         self._tray = tray
         self._size = np.array([f.values for f in footprints])
-        self._grips = GripRoom(tray, footprints)
+        self._gripper = None if tray.gripper is None else tray.gripper.values
         # Distance of two centres from which on neither part matters for the other.
         self._reach = np.array([footprint.reach for footprint in footprints])
-        self._room = max(tray.clearance, self._grips.reach)
+        self._room = max(tray.clearance, 0.0 if tray.gripper is None else tray.gripper.reach)
         self._poses = np.zeros((trays, limit, 4))  # x, y, cosine and sine of the yaw
         self._kind = np.zeros((trays, limit), dtype=np.int64)
         self._blocked = np.zeros((trays, limit), dtype=np.bool_)
-        self._hit = np.zeros((trays, limit, self._grips.number), dtype=np.bool_)
         self._fitting = np.ones(trays, dtype=np.bool_)
         self._placed = 0
 
@@ -322,11 +225,10 @@ class Placing:
         """
         j = self._placed
         self._kind[:, j] = kind
-        self._hit[:, j] = self._grips.missing(kind)
         missing = np.flatnonzero(self._fitting)
         for _ in range(TRIES):
             self._poses[missing, j], inside = random_poses(
-                self._tray, self._size[kind[missing]], self._grips.turn, generator
+                self._tray, self._size[kind[missing]], generator
             )
             clear = np.ones(len(missing), dtype=np.bool_)
             if self._separated:
@@ -344,9 +246,9 @@ class Placing:
             poses, size = self._parts(row, mine)
             there = self._parts(row, theirs)
             close = gap(poses, size, *there) < self._tray.clearance
+            if self._gripper is not None:
+                close |= gap(poses, np.tile(self._gripper, (len(poses), 1)), *there) < 0
             self._blocked[row[close], mine[close]] = True
-            pair, grip = self._grips.hits(self._kind[row, mine], poses, *there).nonzero()
-            self._hit[row[pair], mine[pair], grip] = True
         self._placed = j + 1
         return True
 
@@ -354,7 +256,7 @@ class Placing:
         """Return the numbers of free parts and of all parts of each class, (2, k)."""
         used = self._fitting, slice(self._placed)
         kind = self._kind[used].ravel()
-        free = (~self._blocked[used] & free_grip(self._hit[used])).ravel()
+        free = ~self._blocked[used].ravel()
         return np.stack(
             [
                 np.bincount(kind, weights, minlength=classes)
@@ -365,7 +267,7 @@ class Placing:
     def clustering(self) -> float:
         """Return the covariance of two parts being free, relative to the squared free share."""
         used, number = (self._fitting, slice(self._placed)), self._placed
-        free = (~self._blocked[used] & free_grip(self._hit[used])).sum(axis=1)
+        free = (~self._blocked[used]).sum(axis=1)
         mean = free.mean() / number
         pairs = (free * (free - 1)).mean() / max(number * (number - 1), 1)
         return float(pairs / mean**2 - 1) if mean > 0 and number > 1 else 0.0

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -77,69 +78,78 @@ class FeederModel:
         if self.max_picks is not None:
             check_number('maximum number of picks', self.max_picks)
 
+    @cached_property
+    def moves(self) -> Moves:
+        """Shares of the drops and of the action, if the counts were the probabilities."""
+        return moves_of(self.drop, self.transitions)
 
-class SteadyStates:
-    """The steady state for each number of parts, if the counts were the probabilities.
+    @cached_property
+    def _recurrent(self) -> tuple[Array, Mask]:
+        return recurrent(self.moves, self.pickable)
 
-    Attributes
-    ----------
-    trapped : (k,) bool
-        Aspects in which parts collect because the action does not bring them into a pickable one.
-        If there are any, the tray fills with these parts, and no part is picked in the long run.
-    """
+    @property
+    def trapped(self) -> Mask:
+        """Aspects (k,) in which parts collect, as the action brings none into a pickable one.
 
-    def __init__(self, model: FeederModel) -> None:
-        self._model = model
-        self._moves = moves_of(model.drop, model.transitions)
-        self._shares, self.trapped = recurrent(self._moves, model.pickable)
-        self._occupied = self._shares > 0
-        m, here = self._moves, self._occupied
-        self._inside = Moves(m.drop[here], m.transitions[np.ix_(here, here)], m.left[here])
+        If there are any, the tray fills with these parts, and none is picked in the long run.
+        """
+        return self._recurrent[1]
 
-    def at(self, table: FreeShares, number: int) -> SteadyState:
-        """Return the steady state with a number of parts on the tray.
+    @property
+    def _occupied(self) -> Mask:
+        """Aspects (k,) in which parts are in the long run."""
+        return self._recurrent[0] > 0
+
+    @property
+    def _inside(self) -> Moves:
+        """Moves between the aspects that are occupied."""
+        m, here = self.moves, self._occupied
+        return Moves(m.drop[here], m.transitions[np.ix_(here, here)], m.left[here])
+
+    def state(self, table: FreeShares, number: int) -> SteadyState:
+        """Return the long run with a number of parts on the tray.
 
         Raises InvalidValueError if the number of parts does not fit.
         """
-        found = self._at(table, number)
-        mix, taken = np.zeros((2, len(self._occupied)))
-        mix[self._occupied] = found.mix[:-1] / found.mix[:-1].sum()
-        taken[self._occupied] = found.taken[:-1]
+        found = self._state(table, number)
+        here = self._occupied
+        mix, taken = np.zeros((2, len(here)))
+        mix[here] = found.mix[:-1] / found.mix[:-1].sum()
+        taken[here] = found.taken[:-1]
         return SteadyState(mix, taken, found.picks, found.lost)
 
     def spread(self, table: FreeShares, number: int) -> RunSpread:
         """Return how the number of picks of runs differs from that of the long run."""
-        found = self._at(table, number)
         near = 0.0 if table.clustering is None else float(table.clustering[number - 1])
         moves = refilled_later(self._inside)
-        return run_spread(moves, found, number, self._model.times, near)
+        return run_spread(moves, self._state(table, number), number, self.times, near)
 
     def rates(self, table: FreeShares) -> Array:
         """Return the parts per minute (n,) for each number of parts of a table."""
-        found = self._at(table, np.arange(1, len(table.free) + 1))
-        return parts_per_minute(self._model.times, found.picks, found.supplied)
+        found = self._state(table, np.arange(1, len(table.free) + 1))
+        return parts_per_minute(self.times, found.picks, found.supplied)
 
     def free(self, table: FreeShares) -> Array:
         """Return the share (n,) of the pickable parts of a drop that are free."""
-        pickable = self._model.pickable
-        weight = np.where(pickable, self._moves.drop, 0.0)
-        weight = weight if weight.any() else pickable.astype(np.float64)
+        weight = np.where(self.pickable, self.moves.drop, 0.0)
+        weight = weight if weight.any() else self.pickable.astype(np.float64)
         return np.asarray(table.free @ weight / weight.sum())
 
-    def _at(self, table: FreeShares, number: int | Counts) -> SteadyState:
+    def _state(self, table: FreeShares, number: int | Counts) -> SteadyState:
         """Return the steady state over the aspects that are occupied in the long run.
 
         The last class is that of missing parts. For several numbers of parts (n,), its arrays have
         a leading axis.
         """
-        if self.trapped.any():
+        shares, trapped = self._recurrent
+        if trapped.any():
             shape = np.shape(table.at(number))[:-1]
-            mix = np.append(self._shares[self._occupied], 0.0)
+            mix = np.append(shares[self._occupied], 0.0)
             mix = np.broadcast_to(mix, (*shape, len(mix)))
             none = picks(number, np.zeros(shape))
             return SteadyState(mix, np.zeros_like(mix), none, np.zeros(shape))
-        pickable, most = self._model.pickable, self._model.max_picks
-        return tray_state(self._inside, table, pickable, self._occupied, number, most)
+        occupied = self._occupied
+        return tray_state(self._inside, table, self.pickable, occupied, number, self.max_picks)
 
 
 def tray_state(
@@ -225,7 +235,7 @@ def places_rate(
     clumped : float
         Share of supplied parts that are blocked in the first image, in addition.
     """
-    moves, k, kept = moves_of(model.drop, model.transitions), len(free), staying**2
+    moves, k, kept = model.moves, len(free), staying**2
     fresh = np.stack([free, 1 - free])  # free and blocked, after a vibration
     first = np.stack([free * (1 - clumped), 1 - free * (1 - clumped)])
     stays = kept * np.eye(2)[:, None, :, None] + (1 - kept) * fresh
@@ -310,8 +320,6 @@ class Forecast:
         Parts per minute in the long run, with the interval that follows from the counts.
     prediction : (float, float)
         Interval of the parts per minute of a run of ``minutes``.
-    variance : float
-        Variance of the number of parts per minute of a run, 1/min.
     state : SteadyState
         By aspect or class, for the point estimate.
     coverage : float
@@ -335,7 +343,6 @@ class Forecast:
     upper: float
     prediction: tuple[float, float]
     minutes: float
-    variance: float
     state: SteadyState
     coverage: float
     time_shares: dict[str, float]
@@ -389,18 +396,17 @@ def forecast(
     if number is not None:
         check_number('number of parts on the tray', number)
     check_minutes(minutes)
-    states = SteadyStates(model)
-    table, rates, mix = _table(model, states, number, seed)
+    table, rates, mix = _table(model, number, seed)
     overlapping = free_shares(model.tray, model.footprints, mix, seed, len(rates), separated=False)
     limit = coverage_limit(model.tray, model.footprints, model.drop / model.drop.sum())
     # Overlaps separate in the model, and not at all in the other one: the truth is between them.
-    both = rates + states.rates(overlapping)[: len(rates)]
+    both = rates + model.rates(overlapping)[: len(rates)]
     best = int(both[:limit].argmax()) + 1 if rates.any() else None
     numbers = np.arange(1, len(rates) + 1)
     # If nothing can be picked, the number with most free parts.
-    chosen = number or best or int((states.free(table) * numbers).argmax()) + 1
-    state = states.at(table, chosen)
-    spread = states.spread(table, chosen)
+    chosen = number or best or int((model.free(table) * numbers).argmax()) + 1
+    state = model.state(table, chosen)
+    spread = model.spread(table, chosen)
     generator = np.random.default_rng(seed)
     drawn = drawn_moves(model.drop, model.transitions, DRAWS, generator)
     tail = (1 - confidence) / 2
@@ -425,7 +431,6 @@ def forecast(
         upper=float(upper[here]),
         prediction=(float(low), float(high)),
         minutes=float(minutes),
-        variance=spread.variance,
         state=state,
         coverage=coverage(model.tray, model.footprints, state.mix, chosen),
         time_shares=time_shares(*cycle),
@@ -436,28 +441,26 @@ def forecast(
             rate=shown_rates,
             lower=lower,
             upper=upper,
-            empty_cycles=np.array([float(states.at(table, n).picks.none) for n in points]),
-            free=states.free(table)[points - 1],
+            empty_cycles=np.array([float(model.state(table, n).picks.none) for n in points]),
+            free=model.free(table)[points - 1],
         ),
         free=table.at(chosen),
-        trapped=states.trapped,
+        trapped=model.trapped,
         broken=broken_assumptions(model, chosen, *shares) if rate > 0 else (),
     )
 
 
-def _table(
-    model: FeederModel, states: SteadyStates, number: int | None, seed: int
-) -> tuple[FreeShares, Array, Array]:
+def _table(model: FeederModel, number: int | None, seed: int) -> tuple[FreeShares, Array, Array]:
     """Return the shares of free parts for the mix on the tray, the rates (n,), and the mix."""
 
     def with_mix(mix: Array) -> tuple[FreeShares, Array, Array]:
         table = free_shares(model.tray, model.footprints, mix, seed, number or 0)
-        return table, states.rates(table), mix
+        return table, model.rates(table), mix
 
     mix = model.drop / model.drop.sum()
     table, rates, _ = with_mix(mix)
     at = min(number or int(rates.argmax()) + 1, len(rates))
-    found = states.at(table, at).mix
+    found = model.state(table, at).mix
     if len(set(model.footprints)) == 1 or np.abs(found - mix).max() < MIX_CHANGE:
         return table, rates, mix
     return with_mix(found)

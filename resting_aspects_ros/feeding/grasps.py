@@ -11,9 +11,7 @@ import shapely
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.feeding.footprint import Footprint, Grip
 from resting_aspects_ros.input_files import FileModel, FromOne, Number, named, read_yaml, validated
-from resting_aspects_ros.part.hull import smallest_rectangle
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, Unit
 from resting_aspects_ros.rotations import product, rotate
 from resting_aspects_ros.vision.boundary import placed
@@ -76,28 +74,16 @@ def gripper_poses(grasp: Grasp, poses: Iterable[Pose]) -> tuple[Pose, ...]:
     )
 
 
-def approach_angle(pose: Pose) -> float:
-    """Return the angle between z of a gripper and the vertical downward, rad."""
-    z = rotate(pose.orientation, np.array([[0.0, 0.0, 1.0]]))[0]
-    return math.acos(min(max(-float(z[2]), -1.0), 1.0))
-
-
-def gripper_place(pose: Pose) -> tuple[float, float, float]:
-    """Return x and y of a gripper, m, and its yaw: the direction of its x axis from above, rad."""
-    x = rotate(pose.orientation, np.array([[1.0, 0.0, 0.0]]))[0]
-    return float(pose.position[0]), float(pose.position[1]), math.atan2(x[1], x[0])
-
-
 def gripper_area(grasp: Grasp, pose: Pose) -> shapely.Geometry:
     """Return what a gripper in a pose of `gripper_poses` covers, seen from above, tray frame, m.
 
     A gripper that is inclined covers less than this.
     """
-    x, y, yaw = gripper_place(pose)
-    half = grasp.length / 2, grasp.width / 2
-    corners = [(a * half[0], b * half[1]) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    sides = shapely.MultiPoint(corners).convex_hull
-    return placed(sides, x, y, yaw).buffer(grasp.radius)
+    along = rotate(pose.orientation, np.array([[1.0, 0.0, 0.0]]))[0]
+    a, b = grasp.length / 2, grasp.width / 2
+    sides = shapely.MultiPoint([(a, b), (-a, b), (-a, -b), (a, -b)]).convex_hull
+    x, y, _ = pose.position.tolist()
+    return placed(sides, x, y, math.atan2(along[1], along[0])).buffer(grasp.radius)
 
 
 # -- Room -----------------------------------------------------------------------------------------
@@ -135,12 +121,8 @@ def free_grasps(
     within the length of the longest outline of the part. If the clearance of a detection was
     measured and the gripper stays within it, the other outlines do not matter.
 
-    Parameters
-    ----------
-    detections : sequence of Detection
-        All of an image.
-    classes : sequence of int
-        Symmetry class of each; 0: not recognised, or another part.
+    ``detections`` are all of an image, and ``classes`` the symmetry class of each; 0: not
+    recognised, or another part.
     """
     longest = max(outline.length for outline in part.outlines)
     areas = np.array(
@@ -151,23 +133,21 @@ def free_grasps(
         dtype=object,
     )
     shapely.prepare(areas)
-    able = {grasp.aspect for grasp in grasps}
     found = []
     for k, (each, number) in enumerate(zip(detections, classes, strict=True)):
-        poses: tuple[Pose, ...] = ()
-        if number and able.intersection(part.outlines[number - 1].aspects):
+        free: list[Pose] = []
+        if number:
             room = areas[k]
             if math.isfinite(each.clearance):
                 room = room.buffer(each.clearance)
             others = np.delete(areas, k)
             lying = part.placements[number - 1].poses(each.x, each.y, each.yaw)
-            poses = tuple(
-                pose
-                for grasp in grasps
-                for pose in gripper_poses(grasp, lying)
-                if _is_free(gripper_area(grasp, pose), room, others)
-            )
-        found.append(poses)
+            for grasp in grasps:
+                for pose in gripper_poses(grasp, lying):
+                    gripper = gripper_area(grasp, pose)
+                    if room.covers(gripper) or not shapely.intersects(others, gripper).any():
+                        free.append(pose)
+        found.append(tuple(free))
     return found
 
 
@@ -179,14 +159,6 @@ def _area(detection: Detection, number: int, part: KnownPart, longest: float) ->
     if not (math.isfinite(detection.x) and math.isfinite(detection.y)):
         return shapely.Point()
     return shapely.Point(detection.x, detection.y).buffer(longest)
-
-
-def _is_free(
-    gripper: shapely.Geometry,
-    room: shapely.Geometry,
-    others: 'np.ndarray[tuple[int], np.dtype[np.object_]]',
-) -> bool:
-    return bool(room.covers(gripper) or not shapely.intersects(others, gripper).any())
 
 
 # -- Grasps of a file -----------------------------------------------------------------------------
@@ -251,12 +223,8 @@ def check_grasps(
 ) -> None:
     """Raise InvalidValueError if grasps do not fit a part, or a pickable aspect lacks one.
 
-    Parameters
-    ----------
-    placements : sequence of Placement
-        One for each symmetry class.
-    pickable : sequence of int
-        Ids of aspects; one grasp is sufficient for those of a symmetry class.
+    There is a placement for each symmetry class. One grasp is sufficient for all aspects of a
+    class.
     """
     part, aspects = placements[0].part, placements[0].aspects
     for number, grasp in enumerate(grasps, 1):
@@ -271,7 +239,10 @@ def check_grasps(
                 f'invalid position {shown(grasp.position.tolist())} m {where}: expected one near '
                 f'the part; it is {distance:.3g} m from its centre of mass (is the unit right?)'
             )
-        angle = approach_angle(_pose_of(grasp, placements))
+        (lies,) = (each for each in placements if grasp.aspect in each.outline.aspects)
+        pose = gripper_poses(grasp, lies.poses(0.0, 0.0, 0.0))[0]
+        approach = rotate(pose.orientation, np.array([[0.0, 0.0, 1.0]]))[0]
+        angle = math.acos(np.clip(-approach[2], -1.0, 1.0))
         if angle > MAX_INCLINATION:
             raise InvalidValueError(
                 f'invalid orientation {shown(grasp.orientation.round(4).tolist())} {where}: '
@@ -287,40 +258,6 @@ def check_grasps(
                 f'invalid grasps: expected one for pickable aspect {wanted[0]} (symmetry class '
                 f'{each.outline.symmetry_class}); they are for {sorted(able)}'
             )
-
-
-def grips_of(grasps: Sequence[Grasp], placement: Placement) -> tuple[Grip, ...]:
-    """Return what the gripper covers for each grasp of a symmetry class.
-
-    It is relative to the centre and the longer side of the rectangle around the outline, as the
-    model of free parts represents the part.
-    """
-    outline = placement.outline
-    centre = outline.centroid
-    if outline.yaw_symmetry != 0:
-        centre = smallest_rectangle(shapely.get_coordinates(outline.polygon))[0]
-    cos, sin = math.cos(outline.long_axis), math.sin(outline.long_axis)
-    found = []
-    for grasp in grasps:
-        if grasp.aspect not in outline.aspects:
-            continue
-        x, y, yaw = gripper_place(_pose_of(grasp, (placement,)))
-        dx, dy = x - centre[0], y - centre[1]
-        found.append(
-            Grip(
-                Footprint(grasp.length, grasp.width, grasp.radius),
-                float(cos * dx + sin * dy),
-                float(cos * dy - sin * dx),
-                yaw - outline.long_axis,
-            )
-        )
-    return tuple(found)
-
-
-def _pose_of(grasp: Grasp, placements: Sequence[Placement]) -> Any:
-    """Return the pose of the gripper for a part at x = y = yaw = 0."""
-    (placement,) = (each for each in placements if grasp.aspect in each.outline.aspects)
-    return gripper_poses(grasp, placement.poses(0.0, 0.0, 0.0))[0]
 
 
 def _grasp(values: object, metres: float, where: str) -> Grasp:

@@ -92,15 +92,8 @@ class Picks:
 def picks(number: int | Array | Counts, share: Array, max_picks: int | None = None) -> Picks:
     """Return the picks of a cycle, if each of the parts can be picked independently.
 
-    The number of parts that can be picked is binomial; the robot picks at most ``max_picks``.
-
-    Parameters
-    ----------
-    number : int or array of int
-        Parts on the tray.
-    share : array
-        Probability that a part is wanted and free.
-    max_picks : int or None
+    The number of parts that can be picked is binomial, with the probability ``share`` that a part
+    is wanted and free; the robot picks at most ``max_picks``.
     """
     n, p = np.broadcast_arrays(np.asarray(number, dtype=np.float64), share)
     none = (1 - p) ** n
@@ -261,19 +254,9 @@ def drawn_moves(
 def recurrent(moves: Moves, pickable: Mask) -> tuple[Array, Mask]:
     """Return in which aspects the parts on the tray are in the long run, and which are traps.
 
-    Parameters
-    ----------
-    moves : Moves
-        Without further axes.
-    pickable : (k,) bool
-
-    Returns
-    -------
-    shares : (k,) float
-        Shares of the aspects if half of the pickable parts were free.
-    trapped : (k,) bool
-        Aspects from which the action brings no part into a pickable one. If there are any, the
-        tray fills with parts in these aspects.
+    Returns the shares (k,) of the aspects if half of the pickable parts were free, and the aspects
+    (k,) from which the action brings no part into a pickable one. If there are any, the tray fills
+    with parts in these aspects.
     """
     found = long_run(
         _chain(moves, np.where(pickable, 0.5, 0.0)), np.zeros(len(pickable)), moves.drop

@@ -1,6 +1,5 @@
 """Simulation of the parts on a tray, for controllers: parts per minute of their runs."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -15,11 +14,9 @@ from resting_aspects_ros.feeding.control import (
     SeenPart,
     advise,
 )
-from resting_aspects_ros.feeding.footprint import GripRoom, Poses, free_grip, gap, random_poses
 from resting_aspects_ros.feeding.forecast import (
     DRAWS,
     RUNS,
-    SteadyStates,
     check_minutes,
     drawn_rates,
 )
@@ -30,82 +27,9 @@ from resting_aspects_ros.feeding.steady_state import (
     parts_per_minute,
 )
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, check_confidence, containing
-from resting_aspects_ros.statistics.markov import Mask
 from resting_aspects_ros.vision.tray_image import OutlinePlaces
 
 Controller = Callable[[Sequence[SeenPart]], Advice]
-
-# -- Places ---------------------------------------------------------------------------------------
-
-
-# Random places that are tried for a part; if none is empty, the part lies on another one.
-TRIES = 60
-_AT_ONCE = 4
-
-
-class RandomPlaces:
-    """Random positions of the footprints on the tray, which stay until the next vibration.
-
-    It has the methods of `OutlinePlaces`. A part whose gripper is blocked has the clearance -1.
-    """
-
-    def __init__(self, model: ControllerModel, generator: np.random.Generator) -> None:
-        self._tray, self._generator = model.feeder.tray, generator
-        self._grips = GripRoom(self._tray, model.feeder.footprints)
-        self._kinds: Counts = np.zeros(0, dtype=np.int64)
-        self._sizes = np.array([footprint.values for footprint in model.feeder.footprints])
-        self._poses: Poses = np.zeros((0, 4))
-        self._size: Array = np.zeros((0, 3))
-
-    def shake(self, classes: Counts) -> None:
-        """Give parts of these classes (n,) new places; nothing else is on the tray."""
-        self.keep(np.zeros(len(self._kinds), dtype=np.bool_))
-        self.add(classes)
-
-    def add(self, classes: Counts) -> None:
-        """Add places for the last of the classes (n,), which do not have a place yet."""
-        for kind in classes[len(self._poses) :]:
-            pose = self._empty_place(self._sizes[kind])
-            self._poses = np.vstack([self._poses, pose])
-            self._size = np.vstack([self._size, self._sizes[kind]])
-            self._kinds = np.append(self._kinds, kind)
-
-    def keep(self, which: Mask) -> None:
-        """Remove all but some of the parts."""
-        self._poses, self._size = self._poses[which], self._size[which]
-        self._kinds = self._kinds[which]
-
-    def clearance(self) -> Array:
-        """Return the distance (n,) of each part from others, m."""
-        number = len(self._poses)
-        one, other = np.nonzero(~np.eye(number, dtype=np.bool_))
-        found = np.full(number, math.inf)
-        if not len(one):
-            return found
-        there = self._poses[other], self._size[other]
-        np.minimum.at(found, one, gap(self._poses[one], self._size[one], *there))
-        hit = self._grips.missing(self._kinds)
-        pair, grip = self._grips.hits(self._kinds[one], self._poses[one], *there).nonzero()
-        hit[one[pair], grip] = True
-        found[~free_grip(hit)] = -1.0
-        return found
-
-    def _empty_place(self, size: Array) -> Poses:
-        """Return the first of random poses (4,) in which a part overlaps no other."""
-        sizes, number = np.tile(size, (_AT_ONCE, 1)), len(self._poses)
-        for _ in range(TRIES // _AT_ONCE):
-            poses, empty = random_poses(self._tray, sizes, self._grips.turn, self._generator)
-            if number:
-                row = np.repeat(np.arange(_AT_ONCE), number)
-                other = np.tile(np.arange(number), _AT_ONCE)
-                apart = gap(poses[row], sizes[row], self._poses[other], self._size[other])
-                empty &= apart.reshape(_AT_ONCE, number).min(axis=1) >= 0
-            if empty.any():
-                return np.asarray(poses[int(empty.argmax())])
-        return np.asarray(poses[0])
-
-
-Places = RandomPlaces | OutlinePlaces
 
 # -- Tray -----------------------------------------------------------------------------------------
 
@@ -117,11 +41,11 @@ class SimulatedTray:
     """Parts on a tray, each of them with a class and a place."""
 
     def __init__(
-        self, model: ControllerModel, places: Places, generator: np.random.Generator
+        self, model: ControllerModel, places: OutlinePlaces, generator: np.random.Generator
     ) -> None:
         self._places, self._generator = places, generator
         self.classes: Counts = np.zeros(0, dtype=np.int64)
-        self.use(model.moves)
+        self.use(model.feeder.moves)
 
     def use(self, moves: Moves) -> None:
         """Take other shares of drops and flips of the same part from now on."""
@@ -184,19 +108,9 @@ def simulate(
 ) -> tuple[Array, float]:
     """Simulate a feeder that obeys a controller, beginning with an empty tray.
 
-    Returns when each pick was over, (picks,) s, and when the run was over, s.
-
-    The times are those of `steady_state.cycle_time`, with an image after each advice.
-
-    Parameters
-    ----------
-    controller : function of the seen parts
-    model : ControllerModel
-        Of the times; the controller and the tray may have other ones.
-    seconds : float
-        The run ends with the first image after this time.
-    tray : SimulatedTray
-        Without parts.
+    Returns when each pick was over, (picks,) s, and when the run was over, s: with the first image
+    after ``seconds``. The times are those of `steady_state.cycle_time` with the model, with an
+    image after each advice; the controller and the tray may have other models.
     """
     times = model.times
     clock = 0.0
@@ -224,19 +138,8 @@ REACH = 2e-3
 class VirtualFeeder:
     """A tray of parts, a robot and the clock of both.
 
-    Parameters
-    ----------
-    model : ControllerModel
-        The true shares of drops and flips, and the times.
-    places : OutlinePlaces
-    generator : Generator
-
-    Attributes
-    ----------
-    tray : SimulatedTray
-    seconds : float
-        Simulated time since the beginning, s.
-    picks, supplied : int
+    The model has the true shares of drops and flips, and the times. ``seconds`` is the simulated
+    time since the beginning, s.
     """
 
     def __init__(
@@ -251,7 +154,7 @@ class VirtualFeeder:
     def use(self, model: ControllerModel) -> None:
         """Take the true moves and the times from another model of the same part from now on."""
         self._model = model
-        self.tray.use(model.moves)
+        self.tray.use(model.feeder.moves)
 
     def take_image(self) -> None:
         """Let the time of an image and its evaluation pass."""
@@ -321,31 +224,18 @@ class ControlledRuns:
 
 def forecast_controller(
     model: ControllerModel,
+    places: Callable[[np.random.Generator], OutlinePlaces],
     minutes: float = 60.0,
     *,
-    places: Callable[[np.random.Generator], Places] | None = None,
     controller: Controller | None = None,
     confidence: float = CONFIDENCE,
     seed: int = 1,
 ) -> ControlledRuns:
     """Forecast the parts per minute of a run of ``minutes``; takes 5 to 20 s.
 
-    Parameters
-    ----------
-    model : ControllerModel
-        Known to the controller, and the truth up to the uncertainty of its counts.
-    minutes : float
-    places : function, optional
-        Returns the places of a run; by default the footprints of the model (RandomPlaces).
-    controller : function, optional
-        By default `advise` with the model.
-    confidence : float
-    seed : int
-
-    Raises
-    ------
-    InvalidValueError
-        If a value is invalid.
+    The model is what the controller knows, and the truth up to the uncertainty of its counts.
+    ``places`` returns the places of a run for its random generator. By default, `advise` decides.
+    Raises InvalidValueError.
     """
     check_confidence(confidence)
     check_minutes(minutes)
@@ -422,12 +312,12 @@ def _simulated(
     model: ControllerModel,
     decide: Controller,
     minutes: float,
-    places: Callable[[np.random.Generator], Places] | None,
+    places: Callable[[np.random.Generator], OutlinePlaces],
     generator: np.random.Generator,
 ) -> SimulatedRuns:
     """Simulate runs of at most ``minutes`` whose true moves are drawn from their posterior."""
     feeder, number = model.feeder, model.best_number
-    state = SteadyStates(feeder).at(model.table, number)
+    state = feeder.state(model.table, number)
     cycle = float(cycle_time(feeder.times, state.picks, state.supplied)) / 60
     length = min(minutes, CYCLES * cycle)
     drawn = drawn_moves(feeder.drop, feeder.transitions, DRAWS, generator)
@@ -435,8 +325,7 @@ def _simulated(
     ends = 60 * length * np.linspace(WARM_UP, 1, BATCHES + 1)
     counts = []
     for k, each in enumerate(generator.spawn(SIMULATED)):
-        there = RandomPlaces(model, each) if places is None else places(each)
-        tray = SimulatedTray(model, there, each)
+        tray = SimulatedTray(model, places(each), each)
         tray.use(Moves(drawn.drop[k], drawn.transitions[k], drawn.left[k]))
         picked, _ = simulate(decide, model, 60 * length, tray)
         counts.append(np.searchsorted(picked, ends))

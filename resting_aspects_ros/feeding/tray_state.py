@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.feeding.control import Choice, ControllerModel, Expected, SeenPart, advise
+from resting_aspects_ros.feeding.control import Choice, ControllerModel, Option, SeenPart, advise
 from resting_aspects_ros.feeding.evidence import FedPart
 from resting_aspects_ros.feeding.grasps import Detection, free_grasps
 from resting_aspects_ros.vision.location import Pose
@@ -269,7 +269,7 @@ class CurrentAdvice:
     picks: tuple[ChosenPart, ...] = ()
     then: Choice = Choice.WAIT
     supply: int = 0
-    expected: Mapping[Choice, Expected] = field(default_factory=dict)
+    expected: Mapping[Choice, Option] = field(default_factory=dict)
     image: int = 0
     frame: str = ''
     parts: int = 0

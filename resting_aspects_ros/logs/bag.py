@@ -10,7 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -31,29 +31,19 @@ _COMPRESSED = ('.mcap.zstd', '.mcap.zst')
 _INFORMATION = 'rosbag2_bagfile_information'
 # Maximum size of metadata.yaml. A topic needs about 700 bytes.
 _MAX_BYTES = 1 << 20
-# Starting time that rosbag2 writes for an empty bag.
-_NO_START = 2**63 - 1
 
 
 # -- files ----------------------------------------------------------------------------------------
 
 
 def is_compressed(path: Path) -> bool:
-    """Return whether a path is that of a compressed MCAP file, by its suffix."""
+    """Return whether an MCAP file is compressed, by its suffix."""
     return path.name.endswith(_COMPRESSED)
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a path looks like a log: a folder, or MCAP by its suffix or first bytes."""
-    if is_folder(path) or _is_mcap(path) or path.name == FILE_NAME:
-        return True
-    if not is_file(path):
-        return False  # it does not exist, or is a pipe, whose data can be read only once
-    try:
-        with path.open('rb') as file:
-            return file.read(5) == MAGIC[:5]
-    except OSError:
-        return False
+    """Return whether a path is meant to be a log: a folder, or an MCAP file by its suffix."""
+    return is_folder(path) or _is_mcap(path) or path.name == FILE_NAME
 
 
 def log_files(path: Path) -> list[Path]:
@@ -62,33 +52,26 @@ def log_files(path: Path) -> list[Path]:
     path : Path
         A folder, its metadata.yaml, or an MCAP file.
 
-    Raises NoLogError for a folder without an MCAP file, LogError if it has several that are not
-    those of a split bag, or if a file of a split bag is missing.
+    Raises NoLogError for a folder without an MCAP file, LogError if it has several without a list,
+    or if a file of a split bag is missing.
     """
     folder = path.parent if path.name == FILE_NAME else path
     if not is_folder(folder):
         return [path]
     found = sorted(file for file in folder.iterdir() if _is_mcap(file) and is_file(file))
-    listed = _listed(folder)
-    missing = [file.name for file in listed if file not in found]
-    if listed and not missing:
-        return listed
-    if len(listed) > 1:
-        raise LogError(
-            f'invalid {named("log", path)}: expected all files that its {FILE_NAME} lists; '
-            f'missing: {one_line(", ".join(missing))}'
-        )
-    if len(found) > 1:
-        raise LogError(
-            f'invalid {named("log", path)}: expected one {_SUFFIX} file, or a {FILE_NAME} that '
-            f'lists the files, found {len(found)} files'
-        )
     if not found:
         message = f'{named("folder", path)} is not a log: it has no {_SUFFIX} file'
-        if logs := len({file.parent for file in folder.glob(f'*/*{_SUFFIX}')}):
-            message += f', but {logs} of its subfolders have one'
         raise NoLogError(f'{message}; {EXPECTED}')
-    return found
+    listed = _listed(folder)
+    if len(found) == 1 and len(listed) <= 1:
+        return found
+    missing = [file.name for file in listed if file not in found]
+    if missing or not listed:
+        raise LogError(
+            f'invalid {named("log", path)}: expected one {_SUFFIX} file, or all that its '
+            f'{FILE_NAME} lists; missing: {one_line(", ".join(missing or [FILE_NAME]))}'
+        )
+    return listed
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -165,83 +148,12 @@ class LogOutcome:
         return cls(int(drops), whole == 'true')
 
 
-@dataclass
-class BagMetadata:
-    """The content of metadata.yaml for a bag of one file, updated while the file is written.
-
-    topics : dict
-        The entries of `topics_with_message_count` by name, in the order of their first messages.
-    start, end : int
-        Log time of the first and of the last message, ns since 1970; None without messages.
-    custom : dict
-        The custom data of rosbag2: text by name.
-    """
-
-    file_name: str
-    topics: dict[str, dict[str, Any]] = field(default_factory=dict)
-    start: int | None = None
-    end: int | None = None
-    custom: dict[str, str] = field(default_factory=dict)
-
-    def add_topic(
-        self, name: str, type_name: str, qos: list[dict[str, Any]], type_hash: str
-    ) -> dict[str, Any]:
-        """Add a topic without messages; returns its `topic_metadata`.
-
-        qos : list
-            The `offered_qos_profiles`, see `qos_profiles`.
-        """
-        metadata = {
-            'name': name,
-            'type': type_name,
-            'serialization_format': 'cdr',
-            'offered_qos_profiles': qos,
-            'type_description_hash': type_hash,
-        }
-        self.topics[name] = {'topic_metadata': metadata, 'message_count': 0}
-        return metadata
-
-    def count(self, topic_name: str, log_time: int) -> None:
-        """Count a message of a known topic; log times must not decrease."""
-        self.topics[topic_name]['message_count'] += 1
-        self.start = log_time if self.start is None else self.start
-        self.end = log_time
-
-    def add_record(self, name: str, values: Mapping[str, str]) -> None:
-        """Copy a metadata record of the file to the custom data, with keys `name.key`."""
-        self.custom.update({f'{name}.{key}': value for key, value in values.items()})
-
-    def information(self) -> dict[str, Any]:
-        """Return the keys and values under `rosbag2_bagfile_information`."""
-        start = _NO_START if self.start is None else self.start
-        end = start if self.end is None else self.end
-        extent = {
-            'duration': {'nanoseconds': end - start},
-            'starting_time': {'nanoseconds_since_epoch': start},
-            'message_count': sum(each['message_count'] for each in self.topics.values()),
-        }
-        return {
-            'version': 9,
-            'storage_identifier': 'mcap',
-            **extent,
-            'topics_with_message_count': list(self.topics.values()),
-            # Compression of whole files or messages by rosbag2, which is not used. The chunks in
-            # the file state their own compression.
-            'compression_format': '',
-            'compression_mode': '',
-            'relative_file_paths': [self.file_name],
-            'files': [{'path': self.file_name, **extent}],
-            'custom_data': dict(self.custom),
-            'ros_distro': 'jazzy',
-        }
-
-
-def write_metadata(folder: Path, metadata: BagMetadata) -> None:
+def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
     """Write metadata.yaml atomically; raises OSError if it cannot be written."""
     temporary = folder / f'{FILE_NAME}.tmp'
     try:
         with temporary.open('w', encoding='utf-8') as file:
-            file.write(yaml_text({_INFORMATION: metadata.information()}))
+            file.write(yaml_text({_INFORMATION: information}))
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(folder / FILE_NAME)
@@ -249,13 +161,6 @@ def write_metadata(folder: Path, metadata: BagMetadata) -> None:
         with suppress(OSError):
             temporary.unlink()
         raise
-    # The entries of the folders survive a power failure too. Windows does not open a folder.
-    for each in (folder, folder.parent) if os.name == 'posix' else ():
-        descriptor = os.open(each, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def read_information(folder: Path) -> dict[str, Any]:

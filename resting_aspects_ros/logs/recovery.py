@@ -5,32 +5,25 @@ Messages are copied one by one without being decoded, so any log of ROS 2 can be
 
 import glob
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mcap.records import Attachment, Channel
-from mcap.writer import Writer
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.input_files import is_printable, named, parse_yaml
+from resting_aspects_ros.input_files import named, parse_yaml, printable
 from resting_aspects_ros.logs.bag import (
-    BagMetadata,
+    FILE_NAME,
     is_compressed,
     log_files,
-    read_information,
     write_metadata,
 )
-from resting_aspects_ros.logs.mcap_file import LoggedMessage, McapFile
+from resting_aspects_ros.logs.reader import McapFile
 from resting_aspects_ros.logs.topics import Qos, qos_profiles
-from resting_aspects_ros.logs.writer import (
-    ROSBAG2,
-    finish_file,
-    register_channel,
-    start_file,
-)
+from resting_aspects_ros.logs.writer import ROSBAG2, BagWriter
 from resting_aspects_ros.system import lock_file
 
 # QoS of a channel that does not record one, as rosbag2 assumes it.
@@ -57,14 +50,12 @@ class RecoveryResult:
 def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
     """Rewrite a log that was not closed with its end, and with metadata.yaml if it is a folder.
 
-    The new file replaces the old one after it was synced to disk. For a closed log, only
-    metadata.yaml is written, and only if it does not match the log.
+    The new file replaces the old one after it was synced to disk.
 
     log : Path
         The folder of a run, or its MCAP file.
     records : mapping
-        Metadata records by name, which are added to a log that was not closed and replace those
-        with the same name.
+        Metadata records by name, which are added and replace those with the same name.
 
     Raises LogError if it is not a log, is damaged before its end, or cannot be written. The log
     is unchanged then. If only metadata.yaml cannot be written, a second recovery writes it.
@@ -74,97 +65,81 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
         raise LogError(
             f'{named("log", log)} cannot be recovered: expected one file that is not compressed'
         )
+    if printable(path.name) != path.name:
+        raise LogError(
+            f'{named("log", path)} cannot be recovered: expected a file name in UTF-8, because '
+            'the metadata contain it'
+        )
+    folder = log if log.is_dir() else None
     with ExitStack() as stack:
         file = McapFile(path, stack)
-        if not is_printable(path.name):
-            raise LogError(
-                f'{named("log", path)} cannot be recovered: expected a file name in UTF-8, '
-                'because the metadata contain it'
-            )
         # The lock is held during the recovery, so that no other process writes the log.
         if lock_file(file.stream) is False:
             return RecoveryResult(0, being_written=True)
+        if file.closed and (folder is None or (folder / FILE_NAME).is_file()):
+            return RecoveryResult(sum(1 for _ in file.messages()), closed=True)
         try:
-            return _recovered(file, log if log.is_dir() else None, records or {})
+            information = _replace_by_copy(file, records or {})
+            if folder is not None:
+                write_metadata(folder, information)
         except OSError as error:
             raise LogError(
                 f'{named("log", path)} cannot be written: {error.strerror or error}'
             ) from error
+        return RecoveryResult(file.message_count)
 
 
-def _recovered(file: McapFile, folder: Path | None, records: _Records) -> RecoveryResult:
-    metadata = BagMetadata(file.path.name)
-    closed = file.index is not None
-    if closed:
-        for _ in _counted(file, metadata):
-            pass
-        for name, values in file.metadata.items():
-            if name != ROSBAG2:
-                metadata.add_record(name, values)
-    else:
-        _replace_by_copy(file, metadata, records)
-    if folder is not None and read_information(folder) != metadata.information():
-        closed = False
-        write_metadata(folder, metadata)
-    return RecoveryResult(file.message_count, closed=closed)
+def _replace_by_copy(file: McapFile, records: _Records) -> dict[str, Any]:
+    """Replace the file by a complete copy; returns the content of metadata.yaml.
 
-
-def _counted(file: McapFile, metadata: BagMetadata) -> Iterator[LoggedMessage | Attachment]:
-    """Yield attachments and messages in file order, and count the messages."""
-    for found in file.records():
-        if isinstance(found, Attachment):
-            yield found
-            continue
-        name, message = found.channel.topic, found.message
-        if name not in metadata.topics:
-            metadata.add_topic(name, found.type, _offered(found.channel), found.type_hash or '')
-        message.log_time = max(message.log_time, metadata.end or 0)
-        metadata.count(name, message.log_time)
-        yield found
-
-
-def _replace_by_copy(file: McapFile, metadata: BagMetadata, records: _Records) -> None:
-    """Replace the file by a complete copy; raises OSError if this fails."""
+    Raises OSError if this fails.
+    """
     path = file.path
     for abandoned in path.parent.glob(f'{glob.escape(path.name)}.*.recovering'):
         abandoned.unlink()  # left by a recovery that was killed
     new = path.with_name(f'{path.name}.{uuid.uuid4().hex}.recovering')
     try:
         with new.open('xb') as stream:
-            writer = start_file(stream)
-            _copy(file, metadata, writer)
+            writer = BagWriter(stream, path.name)
+            _copy(file, writer)
             for name, values in {**file.metadata, **records}.items():
                 if name != ROSBAG2:
                     writer.add_metadata(name, values)
-                    metadata.add_record(name, values)
-            finish_file(writer, stream, metadata)
+            information = writer.finish()
         new.replace(path)
     finally:
         with suppress(OSError):
             new.unlink()
+    return information
 
 
-def _copy(file: McapFile, metadata: BagMetadata, writer: Writer) -> None:
+def _copy(file: McapFile, writer: BagWriter) -> None:
     channels: dict[int, int] = {}
     schemas: dict[int, int] = {0: 0}  # 0: a channel without a schema
-    for each in _counted(file, metadata):
+    for each in file.records():
         if isinstance(each, Attachment):
-            writer.add_attachment(
+            writer.mcap.add_attachment(
                 each.create_time, each.log_time, each.name, each.media_type, each.data
             )
             continue
         schema, channel, message = each
         if channel.id not in channels:
             if schema is not None and schema.id not in schemas:
-                schemas[schema.id] = writer.register_schema(
+                schemas[schema.id] = writer.mcap.register_schema(
                     schema.name, schema.encoding, schema.data
                 )
-            topic = metadata.topics[channel.topic]['topic_metadata']
-            channels[channel.id] = register_channel(writer, schemas[channel.schema_id], topic)
+            channels[channel.id] = writer.add_channel(
+                channel.topic,
+                each.type,
+                schemas[channel.schema_id],
+                _offered(channel),
+                each.type_hash or '',
+            )
         writer.add_message(
+            channel.topic,
             channels[channel.id],
-            message.log_time,
             message.data,
+            message.log_time,
             message.publish_time,
             message.sequence,
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Collection
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,14 +23,17 @@ SURROUNDINGS_TYPE = 'resting_aspects_interfaces/msg/SurroundingsDescription'
 DISTRIBUTION_TYPE = 'resting_aspects_interfaces/msg/AspectDistribution'
 TRANSITIONS_TYPE = 'resting_aspects_interfaces/msg/TransitionMatrix'
 
-# The names that rmw uses on Jazzy; the default of ROS comes first. A rosbag2 player does not
-# offer a topic with any other name.
-_HISTORIES = ('keep_last', 'keep_all')
-_RELIABILITIES = ('reliable', 'best_effort')
-_DURABILITIES = ('volatile', 'transient_local')
-
-# The names that rosbag2 writes for unknown policies: DDS transmits neither history nor depth.
+# The names that rmw uses on Jazzy, from the weakest policy to the strongest. A rosbag2 player does
+# not offer a topic with any other name.
+_POLICIES = {
+    'history': ('keep_last', 'keep_all'),
+    'reliability': ('best_effort', 'reliable'),
+    'durability': ('volatile', 'transient_local'),
+}
+# The names that rosbag2 writes for unknown policies: DDS transmits neither history nor depth. The
+# policy is then that of the default QoS of ROS.
 _UNSPECIFIED = ('unknown', 'system_default', 'best_available')
+_DEFAULTS = {'history': 'keep_last', 'reliability': 'reliable', 'durability': 'volatile'}
 
 # RMW_DURATION_INFINITE
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
@@ -41,31 +44,13 @@ class Qos:
     """The quality of service that a publisher offers, with the names that rosbag2 stores.
 
     rclpy uses the same names: `profile.reliability.short_key`. Deadline, lifespan and liveliness
-    have no field, because the suite uses their defaults.
-
-    depth : int
-        Number of messages that are kept for a reader, >= 0; ignored with `keep_all`.
-    reliability : str
-        `reliable` or `best_effort`.
-    durability : str
-        `volatile`, or `transient_local` for a latched topic.
-    history : str
-        `keep_last` or `keep_all`.
+    have no field, because the suite uses their defaults. The depth is ignored with `keep_all`.
     """
 
     depth: int
     reliability: str = 'reliable'
     durability: str = 'volatile'
     history: str = 'keep_last'
-
-    def __post_init__(self) -> None:
-        if type(self.depth) is not int or not 0 <= self.depth < 2**31:
-            raise LogError(
-                f'invalid QoS depth {shown(self.depth)}: expected an integer from 0 to 2**31 - 1'
-            )
-        _require_one_of('reliability', self.reliability, _RELIABILITIES)
-        _require_one_of('durability', self.durability, _DURABILITIES)
-        _require_one_of('history', self.history, _HISTORIES)
 
 
 @dataclass(frozen=True)
@@ -108,67 +93,43 @@ def recorded_qos(text: str) -> Qos | None:
     """Parse the `offered_qos_profiles` of a topic; None if there are none.
 
     For several publishers, the result has the strongest policy that any of them offered, which is
-    compatible with the readers of all. Unspecified policies get the defaults of ROS: keep_last,
-    reliable, volatile. If the history is unspecified, the depth is 0.
+    compatible with the readers of all. Unspecified policies get the defaults of ROS. If the
+    history is unspecified, the depth is 0.
 
     Raises LogError if the text is not valid.
     """
+    offered = parse_yaml(text, f'QoS {shown(text)}', LogError)
+    if not offered:
+        return None
     try:
-        offered = [
-            Qos(
-                0 if each['history'] in _UNSPECIFIED else each['depth'],
-                _or_default(each['reliability'], _RELIABILITIES),
-                _or_default(each['durability'], _DURABILITIES),
-                _or_default(each['history'], _HISTORIES),
-            )
-            for each in parse_yaml(text, f'QoS {shown(text)}', LogError) or []
-        ]
-    except (LookupError, TypeError) as error:
+        depth = max(0 if each['history'] in _UNSPECIFIED else each['depth'] for each in offered)
+        strongest = {name: _strongest(name, offered) for name in _POLICIES}
+        if not 0 <= depth < 2**31:
+            raise ValueError(f'depth {depth}')
+        return Qos(int(depth), **strongest)
+    except (LookupError, TypeError, ValueError) as error:
         raise LogError(
             f'invalid QoS {shown(text)}: expected profiles as rosbag2 writes them; {shown(error)}'
         ) from None
-    if not offered:
-        return None
-    return Qos(
-        max(each.depth for each in offered),
-        min((each.reliability for each in offered), key=_RELIABILITIES.index),
-        max((each.durability for each in offered), key=_DURABILITIES.index),
-        max((each.history for each in offered), key=_HISTORIES.index),
-    )
 
 
-def _or_default(policy: str, policies: tuple[str, ...]) -> str:
-    return policies[0] if policy in _UNSPECIFIED else policy
-
-
-def _require_one_of(what: str, value: str, allowed: Collection[str]) -> None:
-    if value not in allowed:
-        raise LogError(f'invalid QoS {what} {shown(value)}: expected {" or ".join(allowed)}')
+def _strongest(name: str, offered: Sequence[Any]) -> str:
+    """Return the strongest policy in profiles; raises ValueError for an unknown policy."""
+    policies = [each[name] for each in offered]
+    named = [_DEFAULTS[name] if each in _UNSPECIFIED else each for each in policies]
+    if unknown := set(named) - set(_POLICIES[name]):
+        raise ValueError(f'{name} {unknown.pop()!r}')
+    return str(max(named, key=_POLICIES[name].index))
 
 
 # -- definitions ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Schema:
-    """The definition of a message type.
+def load_schema(type_name: str) -> tuple[str, str]:
+    """Return the definition of a type from the installed packages, and its hash.
 
-    name : str
-        `package/msg/Type`.
-    text : str
-        Text of the .msg file, followed by the texts of all types it depends on (encoding
-        `ros2msg`).
-    type_hash : str
-        `RIHS01_...`, the hash with which ROS 2 distinguishes versions of a type.
-    """
-
-    name: str
-    text: str
-    type_hash: str
-
-
-def load_schema(type_name: str) -> Schema:
-    """Return the definition of a type from the installed packages.
+    The text is that of the .msg file, followed by those of all types that it depends on (encoding
+    `ros2msg`). ROS 2 distinguishes versions of a type by the hash, `RIHS01_...`.
 
     type_name : str
         `package/msg/Type`.
@@ -182,7 +143,7 @@ def load_schema(type_name: str) -> Schema:
         text = _read(_find(name)).removesuffix('\n')
         # Foxglove's parser finds a dependency by its short name only.
         texts.append(f'{"=" * 80}\nMSG: {name.replace("/msg/", "/")}\n{text}')
-    return Schema(type_name, '\n\n'.join(texts) + '\n', hashes[type_name])
+    return '\n\n'.join(texts) + '\n', hashes[type_name]
 
 
 def check_definition(path: Path, type_name: str, type_hash: str | None) -> None:

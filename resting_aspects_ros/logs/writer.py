@@ -7,7 +7,6 @@ attachments. Messages are passed as CDR bytes, so this module does not depend on
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime, timezone
@@ -19,20 +18,18 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.input_files import yaml_text
-from resting_aspects_ros.logs.bag import BagMetadata, write_metadata
+from resting_aspects_ros.logs.bag import write_metadata
 from resting_aspects_ros.logs.topics import (
-    Schema,
     Topic,
     load_schema,
     qos_profiles,
 )
 from resting_aspects_ros.system import lock_file
 
-# A name that is one folder on every file system, and not hidden.
-_FOLDER_NAME = re.compile(r'\w[\w.-]*', re.ASCII)
-
 # Name of the metadata record in which rosbag2 stores a bag's metadata.yaml.
 ROSBAG2 = 'rosbag2'
+# Starting time that rosbag2 writes for an empty bag.
+NO_START = 2**63 - 1
 
 
 def run_folder_name(part: str, started: datetime, run_id: str) -> str:
@@ -42,7 +39,111 @@ def run_folder_name(part: str, started: datetime, run_id: str) -> str:
         With a time zone; the name has it in UTC, in whole seconds.
     """
     utc = started.astimezone(timezone.utc)
-    return _checked_name(f'{part}_{utc:%Y%m%dT%H%M%SZ}_{run_id}')
+    return f'{part}_{utc:%Y%m%dT%H%M%SZ}_{run_id}'
+
+
+class BagWriter:
+    """Writes an MCAP file, and counts its messages for the metadata.yaml of the bag.
+
+    Every method raises OSError if the file cannot be written.
+
+    mcap : mcap.writer.Writer
+        Writes what is not in metadata.yaml: schemas and attachments.
+    """
+
+    def __init__(self, stream: BinaryIO, file_name: str) -> None:
+        self._end = 0
+        self._start: int | None = None
+        self._stream = stream
+        self._file_name = file_name
+        self._topics: dict[str, dict[str, Any]] = {}  # those of metadata.yaml by name
+        self._custom: dict[str, str] = {}
+        # Checksums cover the whole file, so that every flipped bit is detected.
+        self.mcap = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        library = f'resting_aspects_ros {__version__}; {LIBRARY_IDENTIFIER}'
+        self.mcap.start(profile='ros2', library=library)
+        self.mcap.flush()
+
+    def add_channel(
+        self, topic: str, type_name: str, schema: int, qos: list[dict[str, Any]], type_hash: str
+    ) -> int:
+        """Add a channel of a topic; returns its id.
+
+        schema : id of the definition
+        qos : the `offered_qos_profiles`, see `qos_profiles`
+        """
+        described = {
+            'name': topic,
+            'type': type_name,
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': qos,
+            'type_description_hash': type_hash,
+        }
+        self._topics.setdefault(topic, {'topic_metadata': described, 'message_count': 0})
+        metadata = {'offered_qos_profiles': yaml_text(qos), 'topic_type_hash': type_hash}
+        return int(self.mcap.register_channel(topic, 'cdr', schema, metadata))
+
+    def add_message(
+        self,
+        topic: str,
+        channel: int,
+        data: bytes,
+        log_time: int,
+        publish_time: int,
+        sequence: int | None = None,
+    ) -> None:
+        """Add a message; times are in ns since 1970.
+
+        A log time before that of the last message is replaced by it, because times in a log do not
+        decrease. Without a sequence, messages of the topic are numbered from 0.
+        """
+        counted = self._topics[topic]
+        self._end = max(log_time, self._end)
+        self._start = self._end if self._start is None else self._start
+        number = counted['message_count'] if sequence is None else sequence
+        self.mcap.add_message(channel, self._end, data, publish_time, number)
+        counted['message_count'] += 1
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record, which metadata.yaml repeats as `name.key` in custom_data."""
+        self.mcap.add_metadata(name, dict(values))
+        self._custom.update({f'{name}.{key}': value for key, value in values.items()})
+
+    def finish(self) -> dict[str, Any]:
+        """Write index and summary, sync the file to disk and close it.
+
+        Returns the values under `rosbag2_bagfile_information` of metadata.yaml.
+        """
+        information = self._information()
+        # rosbag2 reads this record when it opens the file without its folder.
+        self.mcap.add_metadata(ROSBAG2, {'serialized_metadata': yaml_text(information)})
+        self.mcap.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+        return information
+
+    def _information(self) -> dict[str, Any]:
+        start = NO_START if self._start is None else self._start
+        extent = {
+            'duration': {'nanoseconds': max(0, self._end - start)},
+            'starting_time': {'nanoseconds_since_epoch': start},
+            'message_count': sum(each['message_count'] for each in self._topics.values()),
+        }
+        return {
+            'version': 9,
+            'storage_identifier': 'mcap',
+            **extent,
+            'topics_with_message_count': list(self._topics.values()),
+            # Compression of whole files or messages by rosbag2, which is not used. The chunks in
+            # the file state their own compression.
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self._file_name],
+            'files': [{'path': self._file_name, **extent}],
+            'custom_data': self._custom,
+            'ros_distro': 'jazzy',
+        }
 
 
 @final
@@ -63,14 +164,12 @@ class RunLog:
     """
 
     def __init__(self, folder: Path, name: str) -> None:
-        self._folder = Path(folder) / _checked_name(name)
+        self._folder = Path(folder) / name
         # rosbag2 numbers the files of a bag.
         self.path = self._folder / f'{name}_0.mcap'
         self._channels: dict[str, int] = {}
-        self._schemas: dict[str, tuple[int, Schema]] = {}
-        self._metadata = BagMetadata(self.path.name)
-        self._broken: str | None = None
-        self._closed = False
+        self._schemas: dict[str, tuple[int, str]] = {}
+        self._ended = ''  # why nothing can be written any more
         with self._guard():
             self._stream, self._writer = self._start()
 
@@ -92,28 +191,18 @@ class RunLog:
         publish_time = log_time if publish_time is None else publish_time
         with self._guard():
             channel = self._channel(topic)
-            stored = max(log_time, self._metadata.end or 0)
-            sequence = self._metadata.topics[topic.name]['message_count']
-            self._writer.add_message(channel, stored, data, publish_time, sequence)
-            self._metadata.count(topic.name, stored)
+            self._writer.add_message(topic.name, channel, data, log_time, publish_time)
 
     def attach(self, name: str, media_type: str, data: bytes, log_time: int) -> None:
-        """Add a file, such as the part's mesh, as an attachment.
-
-        media_type : str
-            `model/stl`, for instance.
-        log_time : int
-            ns since 1970.
-        """
+        """Add a file, such as the part's mesh, as an attachment; the time is in ns since 1970."""
         with self._guard():
             # 0: the creation time of the attachment is unknown.
-            self._writer.add_attachment(0, log_time, name, media_type, data)
+            self._writer.mcap.add_attachment(0, log_time, name, media_type, data)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Add a metadata record, which metadata.yaml repeats as `name.key` in custom_data."""
         with self._guard():
             self._writer.add_metadata(name, values)
-            self._metadata.add_record(name, values)
 
     def flush(self) -> None:
         """Write buffered data to the file, so that they survive the death of this process.
@@ -122,7 +211,7 @@ class RunLog:
         compression, so call it once per batch.
         """
         with self._guard():
-            self._writer.flush()
+            self._writer.mcap.flush()
 
     def close(self) -> Path:
         """Finish the file and write metadata.yaml; a second call does nothing.
@@ -131,16 +220,15 @@ class RunLog:
         no index, as after a crash. Raises LogError if a log without errors cannot be finished.
         """
         try:
-            if not self._closed and self._broken is None:
+            if not self._ended:
                 with self._guard():
-                    finish_file(self._writer, self._stream, self._metadata)
-                    write_metadata(self._folder, self._metadata)
+                    write_metadata(self._folder, self._writer.finish())
         finally:
-            self._closed = True
+            self._ended = self._ended or f'log {self.path} is closed'
             _release(self._stream)
         return self._folder
 
-    def _start(self) -> tuple[BinaryIO, Writer]:
+    def _start(self) -> tuple[BinaryIO, BagWriter]:
         """Create folder and file; raises LogError if they exist, OSError if that fails."""
         try:
             self._folder.mkdir(parents=True)
@@ -152,43 +240,37 @@ class RunLog:
             cleanup.callback(self.path.unlink)  # nothing was written, and the file is not a log
             cleanup.callback(_release, stream)
             lock_file(stream)  # so that no other process recovers it meanwhile
-            writer = start_file(stream)
+            writer = BagWriter(stream, self.path.name)
             cleanup.pop_all()
         return stream, writer
 
     def _channel(self, topic: Topic) -> int:
         if topic.name not in self._channels:
-            schema_id, schema = self._schema(topic.type)
-            metadata = self._metadata.add_topic(
-                topic.name, topic.type, qos_profiles(topic.qos), schema.type_hash
+            if topic.type not in self._schemas:
+                text, type_hash = load_schema(topic.type)
+                schema = self._writer.mcap.register_schema(topic.type, 'ros2msg', text.encode())
+                self._schemas[topic.type] = schema, type_hash
+            schema, type_hash = self._schemas[topic.type]
+            self._channels[topic.name] = self._writer.add_channel(
+                topic.name, topic.type, schema, qos_profiles(topic.qos), type_hash
             )
-            self._channels[topic.name] = register_channel(self._writer, schema_id, metadata)
         return self._channels[topic.name]
-
-    def _schema(self, type_name: str) -> tuple[int, Schema]:
-        if type_name not in self._schemas:
-            schema = load_schema(type_name)
-            schema_id = self._writer.register_schema(type_name, 'ros2msg', schema.text.encode())
-            self._schemas[type_name] = schema_id, schema
-        return self._schemas[type_name]
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
         """Raise LogError if the log is closed or has failed, and store the first failure."""
-        if self._broken is not None:
-            raise LogError(self._broken)
-        if self._closed:
-            raise LogError(f'log {self.path} is closed')
+        if self._ended:
+            raise LogError(self._ended)
         try:
             yield
         except LogError:
             raise  # raised before anything was written
         except OSError as error:
-            self._broken = f'log {self.path} cannot be written: {error.strerror or error}'
-            raise LogError(self._broken) from error
+            self._ended = f'log {self.path} cannot be written: {error.strerror or error}'
+            raise LogError(self._ended) from error
         except BaseException as error:
             # The file may end with a partial record, after which no record could be read.
-            self._broken = f'log {self.path} was interrupted: {error!r}'
+            self._ended = f'log {self.path} was interrupted: {error!r}'
             raise
 
 
@@ -196,45 +278,3 @@ def _release(stream: BinaryIO) -> None:
     """Close a file; this tries to write the buffer again, as space may have become free."""
     with suppress(OSError):
         stream.close()
-
-
-def _checked_name(name: str) -> str:
-    if not _FOLDER_NAME.fullmatch(name):
-        raise LogError(
-            f'invalid log name {name!r}: expected letters, digits, "_", "-" and ".", with neither '
-            '"-" nor "." first'
-        )
-    return name
-
-
-# -- MCAP file ------------------------------------------------------------------------------------
-
-
-def start_file(stream: BinaryIO) -> Writer:
-    """Write the start of a file; raises OSError if it cannot be written."""
-    # Checksums cover the whole file, so that every flipped bit is detected.
-    writer = Writer(stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    library = f'resting_aspects_ros {__version__}; {LIBRARY_IDENTIFIER}'
-    writer.start(profile='ros2', library=library)
-    writer.flush()
-    return writer
-
-
-def register_channel(writer: Writer, schema_id: int, topic: Mapping[str, Any]) -> int:
-    """Add a channel for a topic, with its `topic_metadata`; returns the id of the channel."""
-    metadata = {
-        'offered_qos_profiles': yaml_text(topic['offered_qos_profiles']),
-        'topic_type_hash': topic['type_description_hash'],
-    }
-    return int(writer.register_channel(topic['name'], 'cdr', schema_id, metadata))
-
-
-def finish_file(writer: Writer, stream: BinaryIO, metadata: BagMetadata) -> None:
-    """Write index and summary, and sync the file to disk; raises OSError if this fails."""
-    # rosbag2 reads this record when it opens the file without its folder.
-    information = yaml_text(metadata.information())
-    writer.add_metadata(ROSBAG2, {'serialized_metadata': information})
-    writer.finish()
-    stream.flush()
-    os.fsync(stream.fileno())
-    stream.close()

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from resting_aspects_ros.report.format import (
     outside_aspects,
     percent_text,
     points,
+    probability_text,
     shown_difference,
 )
 from resting_aspects_ros.report.table import DOWN, NOTHING, Table
@@ -26,7 +27,6 @@ from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, INTERVAL, Interval, intervals
 from resting_aspects_ros.statistics.model_range import ModelRange
 
-# A million drops justify more decimals, but the table would not fit 80 columns.
 MAX_DECIMALS = 2
 
 
@@ -34,45 +34,27 @@ MAX_DECIMALS = 2
 class ComparedResults:
     """The two sides of a comparison.
 
-    ids : tuple of int
-        Ids of the aspects or symmetry classes.
-    what : str
-        Whether the ids are of aspects or of symmetry classes.
-    down : (k, 3) float
-        Unit vectors of gravity, part frame; NaN if the part rolls. None if not known.
+    ids, names : tuple of int, tuple of str
+        Ids of the aspects or symmetry classes (see ``what``), and the same as text, such as '3+4'
+        for classes that were counted together.
     a, b : DropCounts
         Counts of the two sides.
-    names : tuple of str
-        The ids as text, such as '3+4' for classes that were counted together; by default the ids.
-    labels : (str, str)
-        Names of the two sides.
     models : (ModelRange or None, ModelRange or None)
         The model ranges of both, of the share in all drops; None if not known.
     """
 
     ids: tuple[int, ...]
-    down: npt.NDArray[np.float64] | None
+    names: tuple[str, ...]
     a: DropCounts
     b: DropCounts
     what: Literal['aspect', 'class'] = 'aspect'
-    names: tuple[str, ...] = ()
     labels: tuple[str, str] = ('A', 'B')
     models: tuple[ModelRange | None, ModelRange | None] = (None, None)
-
-    def name(self, k: int) -> str:
-        """Return the name of row ``k``."""
-        return self.names[k] if self.names else str(self.ids[k])
 
     @property
     def tallies(self) -> tuple[DropCounts, DropCounts]:
         """The counts of both sides."""
         return self.a, self.b
-
-    def down_of(self, k: int) -> list[float] | None:
-        """Return the down direction of row ``k``; None if it is not known, or the part rolls."""
-        if self.down is None or np.isnan(self.down[k]).any():
-            return None
-        return numbers(self.down[k])
 
     def shares(self, confidence: float) -> list[list[Interval]]:
         """Return, for each side, the share of each aspect in the drops that are in an aspect."""
@@ -97,149 +79,96 @@ class ComparedResults:
 def comparison_table(comparison: Comparison, sides: ComparedResults, title: str) -> Table:
     """Return a table with a row for each aspect, and for each outcome in no aspect.
 
-    It fits 80 columns, and its cells are ASCII. Shares of aspects refer to the drops in an
-    aspect, other shares to all drops. Model ranges are below the interval of the first side, and
-    below the share of the second.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The comparison of the two sides.
-    sides : ComparedResults
-    title : str
-        Plain text, shown above the table.
+    Shares of aspects refer to the drops in an aspect, other shares to all drops. Model ranges are
+    below the interval of the first side, and below the share of the second.
     """
     percent = f'{100 * comparison.confidence:.10g} %'
     first, second = sides.labels
     headings = (
         sides.what,
-        DOWN if sides.down is not None else '',
         f'{first}\n(%)',
         f'{percent}\ninterval of {first}' + (',\nmodel range' if sides.models[0] else ''),
         f'{second} (%),\nmodel\nrange' if sides.models[1] else f'{second}\n(%)',
         f'{first} - {second}\n(%)',
         f'{percent}\nsimultaneous',
     )
-    table = Table(title, headings, texts={headings[1]: None})
-    sides_shares, ranges = sides.shares(comparison.confidence), sides.ranges()
-    for k, (a, b, row) in enumerate(
-        zip(*sides_shares, _differences(comparison, sides), strict=True)
+    table = Table(title, headings)
+    rows = zip(*sides.shares(comparison.confidence), *sides.ranges(), strict=True)
+    texts = _difference_texts(comparison, sides)
+    for k, ((a, b, *ranges), (difference, bounds, decimals)) in enumerate(
+        zip(rows, texts, strict=True)
     ):
-        one, other = (percent_text(each.probability, row.decimals) for each in (a, b))
-        below, below_other = (
-            '' if (model := side[k]) is None else f'\n{interval_text(model)[:-2]}'
-            for side in ranges
+        below, below_other = (f'\n{_bare(model)}' if model else '' for model in ranges)
+        table.add_row(
+            sides.names[k],
+            percent_text(a.probability, decimals),
+            f'{_bare(a)}{below}',
+            f'{percent_text(b.probability, decimals)}{below_other}',
+            difference,
+            bounds,
         )
-        interval = f'{_share_texts(a)[1]}{below}'
-        cells = (one, interval, f'{other}{below_other}', row.difference, row.bounds)
-        table.add_row(sides.name(k), _down_text(sides, k), *cells)
     table.add_section()
     for name in REST:
         counts = [getattr(tally, name) for tally in sides.tallies]
         if any(counts):
-            (share, interval), (other, _) = (
-                _share_texts(intervals([count], tally.drops, confidence=comparison.confidence)[0])
+            a, b = (
+                intervals([count], tally.drops, confidence=comparison.confidence)[0]
                 for count, tally in zip(counts, sides.tallies, strict=True)
             )
-            table.add_row('', name, share, interval, other)
+            share, other = (probability_text(each).removesuffix(' %') for each in (a, b))
+            table.add_row(name, share, _bare(a), other)
     return table
 
 
-class _Difference(NamedTuple):
-    """The difference of a row with its bounds as texts, and the decimals of both shares."""
-
-    difference: str
-    bounds: str
-    decimals: int
+def _bare(interval: Interval) -> str:
+    return interval_text(interval).removesuffix(' %')
 
 
-def _differences(comparison: Comparison, sides: ComparedResults) -> Iterator[_Difference]:
-    """Yield the difference of each row as a reader gets it from the shares that are shown."""
-    for k, both in enumerate(zip(*sides.shares(comparison.confidence), strict=True)):
-        bounds = Interval(0.0, float(comparison.lower[k]), float(comparison.upper[k]))
-        decimals = max(*map(_share_decimals, both), _deviation_decimals(bounds))
-        a, b = (each.probability for each in both)
-        difference = shown_difference(a, b, decimals)
-        yield _Difference(points(difference, decimals), _deviation_texts(bounds)[1], decimals)
+def _difference_texts(
+    comparison: Comparison, sides: ComparedResults
+) -> Iterator[tuple[str, str, int]]:
+    """Yield the difference of each row, its bounds, and the decimals of both shares.
+
+    The difference is that of the shares that are shown. It has one digit more than its bounds,
+    because it is computed from exact counts.
+    """
+    rows = zip(
+        *sides.shares(comparison.confidence), comparison.lower, comparison.upper, strict=True
+    )
+    for a, b, lower, upper in rows:
+        own = decimals_of(Interval(0.0, lower, upper))
+        decimals = min(own + 1, MAX_DECIMALS)
+        difference = shown_difference(a.probability, b.probability, decimals)
+        ends = (points(x, min(own, decimals)) for x in (lower, upper))
+        yield points(difference, decimals), ' to '.join(ends), decimals
 
 
 def difference_texts(comparison: Comparison, sides: ComparedResults) -> list[str]:
     """Return the difference of each row in percentage points, as '+3.1 (-0.9 to +7.0)'."""
-    return [f'{each.difference} ({each.bounds})' for each in _differences(comparison, sides)]
-
-
-def measures_text(comparison: Comparison, sides: ComparedResults) -> str:
-    """Return the measures in lines for a terminal."""
-    lines = []
-    for name, text in measures(comparison, sides).items():
-        first, _, rest = text.partition(': how')
-        lines.append(f'{name:<25}{first}')
-        if rest:
-            lines.append(f'{"":<25}how{rest}')
-    return '\n'.join(lines)
+    found = _difference_texts(comparison, sides)
+    return [f'{difference} ({bounds})' for difference, bounds, _ in found]
 
 
 def measures(comparison: Comparison, sides: ComparedResults) -> dict[str, str]:
     """Return how much the sides differ, and whether chance explains it, as texts by name."""
-    aspect = sides.name(comparison.largest_aspect - 1)
-    deviation = f'{100 * comparison.largest_deviation + 0.0:+.3g}'
-    _, bounds = _deviation_texts(
-        Interval(comparison.largest_deviation, *comparison.largest_bounds)
-    )
+    k = comparison.largest_aspect - 1
+    largest = difference_texts(comparison, sides)[k]
     many = 'aspects' if sides.what == 'aspect' else 'classes'
-    p_value = f'{comparison.p_value:.2g}' if comparison.p_value >= 1e-4 else 'less than 0.0001'
     by = 'chi-square' if comparison.p_by == 'chi-square' else f'Monte Carlo, {TABLES} tables'
     rows = {
         'total variation': f'{100 * comparison.total_variation:.3g} %',
-        'largest deviation': f'{deviation} % in {sides.what} {aspect} ({bounds} %)',
+        'largest deviation': f'{largest} % in {sides.what} {sides.names[k]}',
         'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
-        'p value': f'{p_value} by {by}: how often chance alone gives a difference this large',
+        'p value': f'{p_text(comparison.p_value)} by {by}',
+        'drops in aspects': ', '.join(
+            f'{label} {tally.counts.sum()} of {tally.drops}'
+            for label, tally in zip(sides.labels, sides.tallies, strict=True)
+        ),
     }
-    rows['drops in aspects'] = ', '.join(
-        f'{label} {tally.counts.sum()} of {tally.drops}'
-        for label, tally in zip(sides.labels, sides.tallies, strict=True)
-    )
     if any(getattr(tally, name) for tally in sides.tallies for name in REST):
         ranged = ' and model ranges' if any(sides.models) else ''
         rows['shares'] = f'aspects: of drops in aspects; others{ranged}: of all drops'
     return rows
-
-
-def _down_text(sides: ComparedResults, k: int) -> str:
-    if sides.down is None:
-        return ''
-    return 'rolls' if np.isnan(sides.down[k]).any() else direction_text(sides.down[k])
-
-
-def _share_decimals(interval: Interval) -> int:
-    return min(decimals_of(interval), MAX_DECIMALS - (interval.upper > 0.99995))
-
-
-def _share_texts(interval: Interval) -> tuple[str, str]:
-    """Return share and interval in percent."""
-    decimals = _share_decimals(interval)
-    share, low, high = (
-        percent_text(x, decimals) for x in (interval.probability, interval.lower, interval.upper)
-    )
-    return share, f'{low} to {high}'
-
-
-def _deviation_texts(interval: Interval) -> tuple[str, str]:
-    """Return deviation and bounds in percent, with signs.
-
-    The deviation has one digit more than its bounds, because it is computed from exact counts.
-    """
-    decimals = _deviation_decimals(interval)
-    # A bound of 100 has no decimals, so that the table fits.
-    whole = max(-interval.lower, interval.upper) > 0.9995
-    shown = 0 if whole else min(decimals_of(interval), decimals)
-    low, high = (points(x, shown) for x in (interval.lower, interval.upper))
-    return points(interval.probability, decimals), f'{low} to {high}'
-
-
-def _deviation_decimals(interval: Interval) -> int:
-    limit = MAX_DECIMALS if max(-interval.lower, interval.upper) < 0.1 else MAX_DECIMALS - 1
-    return min(decimals_of(interval) + 1, limit)
 
 
 def comparison_document(
@@ -267,8 +196,7 @@ def comparison_document(
         'aspects': [
             {
                 'id': sides.ids[k],
-                'name': sides.name(k),
-                'down_in_part': sides.down_of(k),
+                'name': sides.names[k],
                 **{
                     name: {
                         'count': int(tally.counts[k]),
@@ -301,33 +229,25 @@ def comparison_document(
     }
 
 
-def verdict(comparison: Comparison, names: Sequence[str]) -> str:
+def verdict(comparison: Comparison, sides: ComparedResults) -> str:
     """State whether the sides differ by more than chance explains, and where they differ most.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        Its confidence is the level of the test.
-    names : sequence of str
-        Names of the aspects or classes.
+    The confidence of the comparison is the level of the test.
     """
-    p_value = comparison.p_value
-    if p_value >= 1 - comparison.confidence:
-        return f'The distributions do not differ significantly ({p_text(p_value)}).'
+    p_value = p_text(comparison.p_value)
+    if comparison.p_value >= 1 - comparison.confidence:
+        return f'The distributions do not differ significantly ({p_value}).'
     certain = np.flatnonzero((comparison.lower > 0) | (comparison.upper < 0))
-    among = certain if len(certain) else np.arange(len(names))
+    among = certain if len(certain) else np.arange(len(sides.ids))
     k = int(among[np.abs(comparison.deviation[among]).argmax()])
-    deviation, bounds = float(comparison.deviation[k]), (comparison.lower[k], comparison.upper[k])
-    ends = np.sort(np.sign(deviation) * np.array(bounds))
-    decimals = min(decimals_of(Interval(0, *bounds)), 1)
-    size, low, high = (f'{100 * x + 0.0:.{decimals}f}' for x in (abs(deviation), *ends))
-    interval = f'{100 * comparison.confidence:.10g} % interval {low} to {high}'
+    difference = (
+        f'{difference_texts(comparison, sides)[k]} points in {sides.what} {sides.names[k]}'
+    )
     if len(certain):
-        return f'They differ by {size} points in {names[k]} ({interval}; {p_text(p_value)}).'
-    what = names[k].split()[0]
+        return f'They differ by {difference} ({p_value}).'
     return (
-        f'They differ significantly ({p_text(p_value)}), but no single {what} does: the largest '
-        f'difference is {size} points in {names[k]} ({interval}).'
+        f'They differ significantly ({p_value}), but no single {sides.what} does: the largest '
+        f'difference is {difference}.'
     )
 
 
@@ -336,8 +256,6 @@ def p_text(p_value: float) -> str:
     return f'p = {p_value:.2g}' if p_value >= 1e-4 else 'p < 0.0001'
 
 
-# Maximum number of poses in the table of differences; the JSON document has all.
-MAX_DIFFERENCES = 20
 # Within this angle of an aspect of a part with flat sides, no other aspect is possible.
 NEAR = np.radians(1.0)
 
@@ -349,12 +267,6 @@ RING = 'all round'
 Ids = npt.NDArray[np.int64]
 
 
-def cluster_intervals(distribution: Distribution, counts: np.ndarray) -> list[Interval]:
-    """Return the share of each cluster in all poses; equal counts are computed once."""
-    by_count = {int(n): interval_of(distribution, int(n)) for n in np.unique(counts)}
-    return [by_count[int(n)] for n in counts]
-
-
 def cluster_table(distribution: Distribution, clusters: Clusters, title: str) -> Table:
     """Return a table of the largest clusters, the other clusters, and the unsettled poses.
 
@@ -362,10 +274,10 @@ def cluster_table(distribution: Distribution, clusters: Clusters, title: str) ->
     """
     percent = f'{100 * CONFIDENCE:g} % interval'
     headings = ('cluster', DOWN, 'spread\n(degrees)', 'share', percent, 'count')
-    table = Table(title, headings, texts={DOWN: None})
+    table = Table(title, headings, texts={DOWN})
     drops = distribution.drops
     shown = clusters.counts[:MAX_ROWS]
-    for k, interval in enumerate(cluster_intervals(distribution, shown)):
+    for k, interval in enumerate(distribution.intervals()[:MAX_ROWS]):
         table.add_row(
             str(k + 1),
             RING if np.isnan(clusters.mean[k]).any() else direction_text(clusters.mean[k]),
@@ -387,7 +299,7 @@ def agreement_table(
     """Return a table of the aspects, each beside the cluster with most of its poses."""
     percent = f'{100 * CONFIDENCE:g} % interval'
     headings = ('aspect', DOWN, 'share', percent, 'count', 'cluster:\nits count')
-    table = Table(title, headings, texts={DOWN: None})
+    table = Table(title, headings, texts={DOWN})
     drops = distribution.drops
     rows = zip(
         distribution.aspects,
@@ -418,41 +330,8 @@ def agreement_line(agreement: Agreement, differences: Differences) -> str:
     return (
         f'Aspects and clusters agree on {settled - len(differences)} of {settled} settled poses, '
         + (f'but differ on {near} {where}.' if near else f'including all poses {where}.')
+        + (' --json lists the others.' if len(differences) else '')
     )
-
-
-def differences_table(
-    differences: Differences, clusters: Clusters, index: Ids, line: Ids
-) -> Table:
-    """Return a table of the first poses on which aspects and clusters differ.
-
-    index, line : (n,) int, indices of all compared poses, and their lines in the file.
-    """
-    shown = min(len(differences), MAX_DIFFERENCES)
-    total = '' if shown == len(differences) else f' of {len(differences)}, --json lists all'
-    headings = (
-        'pose',
-        'line',
-        'nearest\naspect',
-        'angle to it\n(degrees)',
-        'in aspect',
-        'in cluster',
-        'its\ncount',
-    )
-    table = Table(f'Differing poses ({shown}{total}):', headings)
-    for k in range(shown):
-        pose, cluster = differences.pose[k], int(differences.cluster[k])
-        nearest = differences.nearest[k]
-        table.add_row(
-            str(index[pose]),
-            str(line[pose]),
-            str(nearest or NOTHING),
-            f'{np.degrees(differences.angle[k]):.2f}' if nearest else NOTHING,
-            str(differences.aspect[k] or 'none'),
-            str(cluster),
-            str(clusters.counts[cluster - 1]),
-        )
-    return table
 
 
 def cluster_document(
@@ -479,7 +358,7 @@ def cluster_document(
                 **share_fields(int(clusters.counts[k]), interval),
             }
             for k, (mean, interval) in enumerate(
-                zip(clusters.mean, cluster_intervals(distribution, clusters.counts), strict=True)
+                zip(clusters.mean, distribution.intervals(), strict=True)
             )
         ],
     }

@@ -25,25 +25,9 @@ def distribution_document(
 ) -> dict[str, object]:
     """Return a distribution as a document of plain JSON types. Nothing is rounded.
 
-    Parameters
-    ----------
-    distribution : Distribution
-    run : mapping
-        Description of the run: part, hashes, method, seed, conditions, engine, ... in SI units.
-        Arrays become lists, dataclasses objects, members of enumerations their names, and numbers
-        that JSON does not have (nan, infinity) null. Fields that the distribution defines, such
-        as ``drops``, replace fields of the same name.
-    part : Part, optional
-        The part of the aspects, for ``rests_on``.
-
-    Returns
-    -------
-    dict
-        ``schema_version``, the fields of ``run``, the counts of drops, the kind of the intervals,
-        and ``aspects`` by id with the fields of the message Aspect: ``com_height`` m,
-        ``support`` m on the surface below the centre of mass, ``orientation`` xyzw, tray from
-        part, ``down_in_part`` a unit vector, part frame, ``min_barrier`` m, null without another
-        aspect. ``classes`` are the symmetry classes, whose counts are sums.
+    Fields that the distribution defines, such as ``drops``, replace those of ``run``, the
+    description of the run. The part is needed for ``rests_on``. docs/reference/files.md describes
+    the keys; the aspects have the fields of the message Aspect.
     """
     classes = distribution.by_class()
     rows = zip(distribution.aspects, _shares(distribution), strict=True)
@@ -117,7 +101,6 @@ def share_fields(count: int, interval: Interval) -> dict[str, object]:
 
 
 def _shares(distribution: Distribution) -> list[dict[str, object]]:
-    """Return the share of each aspect with its interval and its model range."""
     rows = zip(
         distribution.counts.tolist(),
         distribution.intervals(),

@@ -1,14 +1,9 @@
-"""A drift test in sentences, as tables, as a document and as a figure."""
-
-import textwrap
-from typing import TYPE_CHECKING, Any
+"""A drift test in sentences, as tables and as a document."""
 
 import numpy as np
 
 from resting_aspects_ros.report.document import numbers
-from resting_aspects_ros.report.figure import FAINT, TEXT, new_figure, percent_axis, plain_axes
 from resting_aspects_ros.report.format import (
-    COLOURS,
     decimals_of,
     interval_text,
     points,
@@ -21,21 +16,10 @@ from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.comparison import EXCEEDANCES
 from resting_aspects_ros.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.statistics.drift import POWER, Deviation, DriftTest
-from resting_aspects_ros.statistics.intervals import Interval, bounds
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+from resting_aspects_ros.statistics.intervals import Interval
 
 # Windows of a longer table are left out, except the last ones and those with an alarm.
 MAX_ROWS = 40
-
-WIDTH, ROW, TOP, BOTTOM = 8.6, 1.25, 0.9, 0.6  # inches
-LEFT = 0.13
-MAX_CLASSES = 8
-TITLE_WIDTH = 105  # characters
-ALARM: dict[str, Any] = {'color': '#D55E00', 'alpha': 0.14, 'linewidth': 0}
-BAND = 0.22
 
 
 def drift_sentence(test: DriftTest) -> str:
@@ -43,7 +27,11 @@ def drift_sentence(test: DriftTest) -> str:
 
     It also states how many parts at the end were not tested.
     """
-    return ' '.join(filter(None, [_result(test), _untested(test)]))
+    untested = ''
+    if test.untested:
+        parts, do = ('part is', 'it does') if test.untested == 1 else ('parts are', 'they do')
+        untested = f'The last {test.untested} {parts} not tested: {do} not fill a window.'
+    return f'{_result(test)} {untested}'.rstrip()
 
 
 def _result(test: DriftTest) -> str:
@@ -83,14 +71,6 @@ def _when(test: DriftTest) -> str:
     return f'since part {first}{label}'
 
 
-def _untested(test: DriftTest) -> str:
-    """Return a sentence about the parts that do not fill a window; '' without any."""
-    if test.untested == 1:
-        return 'The last part is not tested: it does not fill a window.'
-    parts = f'The last {test.untested} parts are not tested: they do not fill a window.'
-    return parts if test.untested else ''
-
-
 def drift_notes(test: DriftTest, shift: float, needed: int | None) -> str:
     """Return how batches scatter, what a window finds, and how often there is a false alarm.
 
@@ -116,7 +96,6 @@ def drift_notes(test: DriftTest, shift: float, needed: int | None) -> str:
 
 
 def _scatter_sentence(test: DriftTest) -> str:
-    """Return by how much batches scatter more than by chance."""
     scatter = test.scatter
     if scatter is None:
         return 'There are too few batches to tell whether they scatter more than by chance.'
@@ -239,59 +218,3 @@ def _deviation_fields(found: Deviation, test: DriftTest) -> dict[str, object]:
         'upper': found.upper,
         'residual': found.residual,
     }
-
-
-def drift_figure(test: DriftTest) -> 'Figure':
-    """Plot the share of each class in the windows, with its interval and the simulated share.
-
-    The bands are Wilson intervals of the share of a window. Windows with an alarm are shaded. Of
-    more than MAX_CLASSES classes, those with the largest simulated shares are shown.
-    """
-    order = sorted(np.argsort(-test.simulated, kind='stable')[:MAX_CLASSES].tolist())
-    height = TOP + BOTTOM + ROW * len(order)
-    figure = new_figure(WIDTH, height)
-    title = '\n'.join(textwrap.wrap(drift_sentence(test), TITLE_WIDTH)[:3])
-    figure.text(0.1 / WIDTH, 1 - 0.12 / height, title, size=9, weight='bold', color=TEXT, va='top')
-    rows = figure.subplots(len(order), sharex=True, squeeze=False)[:, 0]
-    figure.subplots_adjust(LEFT, BOTTOM / height, 0.97, 1 - TOP / height, hspace=0.25)
-    sizes = np.diff(test.ends)
-    lower, upper = bounds(test.windows, sizes, confidence=test.confidence)
-    for axes, k in zip(rows, order, strict=True):
-        plain_axes(axes, 'y')
-        top = min(1.15 * max(float(upper[:, k].max()), 0.01), 1.0)
-        axes.set(xlim=(0, test.ends[-1]), ylim=(0, top))
-        percent_axis(axes, 'y', top)
-        colour = COLOURS[(test.observed.groups[k][0] - 1) % len(COLOURS)]
-        expected = test.simulated[k] / test.simulated.sum()
-        drawn = {
-            'share in a window': axes.stairs(
-                test.windows[:, k] / sizes, test.ends, baseline=None, color=colour, linewidth=1.6
-            ),
-            f'its {100 * test.confidence:.10g} % interval': axes.stairs(
-                upper[:, k],
-                test.ends,
-                baseline=lower[:, k],
-                fill=True,
-                color=colour,
-                alpha=BAND,
-            ),
-            'share in the simulation': axes.axhline(
-                expected, color=TEXT, linewidth=0.9, linestyle='--'
-            ),
-        }
-        for alarm in test.alarms:
-            shade = axes.axvspan(*test.ends[alarm : alarm + 2], **ALARM)
-            drawn['window with an alarm'] = shade
-        axes.set_ylabel(f'class {test.names[k]}', size=8, color=TEXT)
-    rows[-1].set_xlabel('number of counted parts', size=8, color=FAINT)
-    figure.legend(
-        list(drawn.values()),
-        list(drawn),
-        loc='lower left',
-        bbox_to_anchor=(LEFT, 1 - TOP / height),
-        ncols=len(drawn),
-        fontsize=8,
-        labelcolor=FAINT,
-        frameon=False,
-    )
-    return figure

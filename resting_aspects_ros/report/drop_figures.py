@@ -1,14 +1,12 @@
 """The figures of a distribution: bars, pie, convergence, estimates and a comparison."""
 
-import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resting_aspects_ros.arrays import Array, Counts
-from resting_aspects_ros.aspects.estimate import METHODS
+from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.figure import (
     FAINT,
@@ -18,7 +16,6 @@ from resting_aspects_ros.report.figure import (
     TEXT,
     WIDE,
     Header,
-    RowAxes,
     draw_image,
     labels_apart,
     new_figure,
@@ -32,7 +29,7 @@ from resting_aspects_ros.report.format import (
     class_rows,
     interval_of,
     interval_text,
-    millimetre_texts,
+    largest_counts,
     model_range,
     outside_rows,
     probability_text,
@@ -50,8 +47,6 @@ if TYPE_CHECKING:
 
 
 MAX_LINES = 10  # more lines would hide each other
-# A marker shape for each method.
-MARKERS = dict(zip(METHODS, 'osD^vPX', strict=True))
 
 
 def bands(distribution: Distribution, drops: Counts, counts: Counts) -> list[list[Interval]]:
@@ -70,17 +65,11 @@ def convergence_figure(
 ) -> 'Figure':
     """Plot the share of each row against the number of drops, with its interval as a band.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        If there are more than MAX_LINES, those with the most drops are shown.
-    drops : (m,) int
-        Numbers of drops, ascending.
-    bands : sequence of sequence of Interval
-        The interval of each row, after each number of drops.
+    Of more than MAX_LINES rows, those with the most drops are shown. ``bands`` are the intervals
+    of each row after each of the ``drops``, (m,), ascending.
     """
     figure = new_figure(width, 3.6)
-    shown = sorted(sorted(range(len(rows)), key=lambda k: -rows[k].count)[:MAX_LINES])
+    shown = largest_counts([row.count for row in rows], MAX_LINES)
     names = {k: short_name(rows[k]) if width <= NARROW else rows[k].name for k in shown}
     labels = {k: f'{names[k]}: {probability_text(rows[k].interval)}' for k in shown}
     left, right = 0.5, 0.25 + 0.07 * max(map(len, labels.values()), default=0)  # inches
@@ -100,57 +89,14 @@ def convergence_figure(
     axes.set_xlim(float(drops[0]), float(drops[-1]))
     axes.set_ylim(0, top * 1.02)
     axes.xaxis.set_major_formatter(lambda n, _: f'{n:,.0f}'.replace(',', ' '))
-    axes.set_xticks(_drop_ticks(drops, width - left - right))
+    # The label of a power of ten just below the last number would overlap it.
+    decades = 10.0 ** np.arange(np.ceil(np.log10(drops[0])), np.log10(drops[-1]))
+    axes.set_xticks([*decades[decades < drops[-1] / 3], drops[-1]])
     axes.minorticks_off()
     percent_axis(axes, 'y', top)
     axes.set_xlabel('number of drops', size=8, color=FAINT)
     _label_ends(axes, ends, top)
     return figure
-
-
-def estimates_figure(
-    rows: Sequence[Row], estimates: Mapping[str, Array], width: float = WIDE
-) -> 'Figure':
-    """Plot the prediction of each method for each row, over the interval of the drops as a bar.
-
-    Parameters
-    ----------
-    estimates : mapping
-        (rows,) probabilities, by the method's name.
-    """
-    columns = int(width / 1.7)  # of the legend
-    lines = -(-len(estimates) // columns)
-    row_axes = RowAxes(rows, 0.5, width, 0.4 + 0.2 * lines)
-    axes, tall = row_axes.axes, row_axes.data(0.25)
-    for row, y in zip(rows, row_axes.places, strict=True):
-        wide = row.interval.upper - row.interval.lower
-        axes.barh(y, wide, tall, row.interval.lower, color=row.colour, alpha=0.55)
-        ends = [y - tall / 2, y + tall / 2]
-        axes.plot([row.interval.probability] * 2, ends, color=TEXT, linewidth=1.4)
-    for name, shares in estimates.items():
-        axes.plot(
-            shares,
-            row_axes.places,
-            MARKERS[name],
-            label=METHODS[name].label,
-            markersize=5,
-            markerfacecolor=PAPER,
-            markeredgecolor=TEXT,
-            markeredgewidth=1.0,
-        )
-    top = max([row.interval.upper for row in rows] + [float(max(x)) for x in estimates.values()])
-    axes.set_xlim(0, top * 1.04)
-    percent_axis(axes, 'x', top)
-    row_axes.figure.legend(
-        loc='lower left',
-        ncols=columns,
-        frameon=False,
-        fontsize=8,
-        labelcolor=TEXT,
-        bbox_to_anchor=(0.02, 0.0),
-        columnspacing=1.2,
-    )
-    return row_axes.figure
 
 
 def comparison_figure(
@@ -175,11 +121,10 @@ def comparison_figure(
         textwrap.fill(f'{place} bar: {name}', int(width / 0.075))
         for (name, _), place in zip(sides, ('upper', 'lower'), strict=True)
     )
-    row_axes = RowAxes(rows, 0.62, width, 0.5 + 0.16 * len(legend.splitlines()))
-    row_axes.figure.text(
-        0.2 / width, 0.1 / row_axes.height, legend, size=8, color=FAINT, parse_math=False
-    )
-    axes, tall = row_axes.axes, row_axes.data(0.25)
+    figure, axes = _band_axes(rows, width, 0.5 + 0.16 * len(legend.splitlines()))
+    at = 0.2 / width, 0.1 / figure.get_figheight()
+    figure.text(*at, legend, size=8, color=FAINT, parse_math=False)
+    places, tall = np.arange(len(rows), dtype=np.float64), 0.25 / _pitch(width)
     both = [side for _, side in sides]
     known = [each for side in (*both, *ranges) for each in side if each is not None]
     top = max(each.upper for each in known)
@@ -190,44 +135,78 @@ def comparison_figure(
         lower = shares - [each.lower for each in side]
         upper = [each.upper for each in side] - shares
         colours = [row.colour for row in rows]
-        axes.barh(row_axes.places + shift, shares, 0.9 * tall, color=colours, alpha=alpha)
+        axes.barh(places + shift, shares, 0.9 * tall, color=colours, alpha=alpha)
         axes.errorbar(
             shares,
-            row_axes.places + shift,
+            places + shift,
             xerr=[np.maximum(lower, 0), np.maximum(upper, 0)],
             fmt='none',
             color=TEXT,
             elinewidth=1.0,
             capsize=3,
         )
-        for model, row, y in zip(models, rows, row_axes.places + 2.12 * shift, strict=True):
+        for model, row, y in zip(models, rows, places + 2.12 * shift, strict=True):
             if model is not None:
                 draw_range(axes, model, row.colour, y, 0.12 * tall)
     ends = [
         max(each.upper for each in of_row if each) for of_row in zip(*both, *ranges, strict=True)
     ]
-    text_width = row_axes.write(differences, ends)
+    text_width = _write_differences(axes, rows, differences, ends, narrow=width <= NARROW)
     # The axis leaves room for the text beside the longest bar.
     axes_width = axes.get_position().width * width
     axes.set_xlim(0, top * axes_width / (axes_width - text_width))
     percent_axis(axes, 'x', top)
-    return row_axes.figure
+    return figure
 
 
-def _drop_ticks(drops: Counts, inches: float) -> list[float]:
-    """Return the ticks of an axis of drops, ``inches`` long: powers of ten, and the last number.
+# Height of a band of the comparison, and of the line of text above it in a narrow figure, inches.
+_BAND, _LINE = 0.62, 0.24
 
-    A tick is omitted if its label would overlap the label of a larger one.
+
+def _pitch(width: float) -> float:
+    """Return the distance of the bands of the comparison, inches."""
+    return _BAND + (_LINE if width <= NARROW else 0.0)
+
+
+def _band_axes(rows: Sequence[Row], width: float, below: float) -> 'tuple[Figure, Axes]':
+    """Return a figure and axes with a band for each row, above a space of ``below`` inches.
+
+    The names are left of the bands, or in a narrow figure in the line above each band.
     """
-    decades = 10.0 ** np.arange(1, 8)
-    inside = decades[(decades >= drops[0]) & (decades < drops[-1])]
-    length = math.log10(drops[-1] / drops[0])
-    shown = [float(drops[-1])]
-    for tick in inside[::-1]:
-        room = inches * math.log10(shown[0] / tick) / length
-        if room > 0.065 * (len(str(int(tick))) + len(str(int(shown[0])))) / 2 + 0.1:
-            shown.insert(0, float(tick))
-    return shown
+    narrow, pitch = width <= NARROW, _pitch(width)
+    height = pitch * len(rows) + below + 0.1
+    names = [row.name for row in rows]
+    left = 0.2 + (0.0 if narrow else 0.08 * max(map(len, names), default=0))
+    bottom = below / height
+    room = 1 - (left + 0.25) / width, 1 - bottom - 0.1 / height
+    figure = new_figure(width, height)
+    axes = figure.add_axes((left / width, bottom, *room))
+    plain_axes(axes, 'x')
+    half = _BAND / 2 / pitch
+    axes.set_ylim(len(rows) - 1 + half, half - 1)
+    axes.set_yticks(range(len(rows)), [''] * len(rows) if narrow else names)
+    axes.tick_params(axis='y', labelcolor=TEXT, labelsize=9)
+    return figure, axes
+
+
+def _write_differences(
+    axes: 'Axes', rows: Sequence[Row], texts: Sequence[str], ends: Sequence[float], *, narrow: bool
+) -> float:
+    """Write a text right of the end of each row, and return the width that it needs, inches.
+
+    In a narrow figure it is in the line above the band, behind the name of the row.
+    """
+    style: dict[str, Any] = {'textcoords': 'offset points', 'color': TEXT}
+    bold: dict[str, Any] = {**style, 'weight': 'bold'}
+    for y, (row, text, x) in enumerate(zip(rows, texts, ends, strict=True)):
+        if narrow:
+            above = (0, 36 * _BAND + 2)
+            line: dict[str, Any] = {'xytext': above, 'xycoords': ('axes fraction', 'data')}
+            axes.annotate(row.name, (0, y), size=9, **line, **style)
+            axes.annotate(text, (1, y), size=8, ha='right', **line, **bold)
+        else:
+            axes.annotate(text, (x, y), (8, 0), size=9, va='center', **bold)
+    return 0.1 if narrow else 0.2 + 0.083 * max(map(len, texts), default=0)
 
 
 def _label_ends(axes: 'Axes', ends: Sequence[tuple[float, str, str]], top: float) -> None:
@@ -261,11 +240,7 @@ SIDE, DISTANCE = 0.6, 1.42
 def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     """Draw the shares of all drops as slices, clockwise from the top, with pictures beside them.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-    images : sequence of (p, p, 4) float or None
-        The picture of each row. Only the MAX_PICTURES largest slices have their picture.
+    ``images`` are the pictures of the rows; only the MAX_PICTURES largest slices have theirs.
     """
     figure = new_figure(WIDTH, HEIGHT)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -292,8 +267,9 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
     reach = REACH if pictured.any() else BARE_REACH
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach * HEIGHT / WIDTH, reach * HEIGHT / WIDTH)
-    places = middles.copy()
-    places[pictured] = spread(middles[pictured], 2 * np.arcsin(SIDE / 2 / DISTANCE))
+    places, gap = middles.copy(), 2 * np.arcsin(SIDE / 2 / DISTANCE)
+    clockwise = np.pi / 2 - middles[pictured]
+    places[pictured] = np.pi / 2 - labels_apart(clockwise, gap, gap / 2, 2 * np.pi - gap / 2)
     for k, (row, image) in enumerate(shown):
         x, y = np.cos(middles[k]), np.sin(middles[k])
         inside = shares[k] >= MIN_INSIDE
@@ -307,25 +283,6 @@ def pie_figure(rows: Sequence[Row], images: Sequence[Image | None]) -> 'Figure':
             text = f'{short_name(row)}\n{100 * shares[k]:.0f} %'
             _write(axes, text, 0.66 * x, 0.66 * y, _text_colour_on(row.colour))
     return figure
-
-
-def spread(angles: Array, min_gap: float) -> Array:
-    """Return angles on a circle, descending, moved apart to gaps of ``min_gap`` rad if possible.
-
-    If there is not enough room, the gaps become equal.
-    """
-    moved = angles.copy()
-    if len(moved) < 2:
-        return moved
-    min_gap = min(min_gap, 2 * np.pi / len(moved))
-    for _ in range(200):
-        gaps = moved - np.roll(moved, -1)
-        gaps[-1] += 2 * np.pi
-        lack = np.maximum(min_gap - gaps, 0.0) / 2
-        if lack.max() < 1e-3:
-            break
-        moved += lack - np.roll(lack, 1)
-    return moved
 
 
 def _write(axes: 'Axes', text: str, x: float, y: float, colour: str) -> None:
@@ -382,16 +339,16 @@ def distribution_figure(
     middles = [
         BOTTOM + room - end + each / 2 for end, each in zip(np.cumsum(sides), sides, strict=True)
     ]
-    left = MARGIN + (side if part else 0)
+    left = MARGIN + LABEL
     if part:
+        left += side
         for middle, image in zip(middles, _images(part, rows, side), strict=False):
             draw_image(canvas, image, MARGIN + side / 2, middle)
-    for row, note, middle in zip(rows, _notes(rows), middles, strict=True):
-        _write_label(canvas, row.name, note, left + LABEL - BESIDE_LABEL, middle)
-    width = BARS_WIDTH - MARGIN - left - LABEL
-    axes = figure.add_axes(
-        ((left + LABEL) / BARS_WIDTH, BOTTOM / height, width / BARS_WIDTH, room / height)
-    )
+    for row, middle in zip(rows, middles, strict=True):
+        style: dict[str, Any] = {'ha': 'right', 'va': 'center', 'weight': 'bold'}
+        canvas.text(left - BESIDE_LABEL, middle, row.name, size=10, color=TEXT, **style)
+    width = BARS_WIDTH - MARGIN - left
+    axes = figure.add_axes((left / BARS_WIDTH, BOTTOM / height, width / BARS_WIDTH, room / height))
     _draw_bars(axes, rows, [m - BOTTOM for m in middles], distribution)
     axes.set_ylim(0, room)
     return figure
@@ -400,27 +357,11 @@ def distribution_figure(
 def _rows(distribution: Distribution) -> list[Row]:
     """Return the rows from top to bottom: classes, the other classes together, other outcomes."""
     rows = class_rows(distribution)
-    counts = np.array([row.count for row in rows])
-    shown = np.sort(np.argsort(-counts, kind='stable')[:MAX_SHOWN])
-    kept = [rows[k] for k in shown]
+    kept = [rows[k] for k in largest_counts([row.count for row in rows], MAX_SHOWN)]
     if others := sum(len(row.aspects) for row in rows) - sum(len(row.aspects) for row in kept):
-        count = int(counts.sum() - counts[shown].sum())
+        count = sum(row.count for row in rows) - sum(row.count for row in kept)
         kept.append(Row(f'{others} other aspects', count, interval_of(distribution, count), GREY))
     return [*kept, *outside_rows(distribution)]
-
-
-def _notes(rows: Sequence[Row]) -> list[str]:
-    """Return the note below the name of each row."""
-    heights = millimetre_texts(
-        np.array([row.aspects[0].com_height if row.aspects else 0.0 for row in rows])
-    )
-    return [
-        f'{"that look the same" + chr(10) if len(row.aspects) > 1 else ""}'
-        f'centre of mass\n{height} mm high'
-        if row.aspects
-        else ''
-        for row, height in zip(rows, heights, strict=True)
-    ]
 
 
 def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
@@ -429,20 +370,9 @@ def _images(part: Part, rows: Sequence[Row], side: int) -> list[Image]:
     return draw_parts(posed_parts, [rgb(row.colour) for row in shown], side)
 
 
-def _write_label(canvas: 'Axes', name: str, note: str, x: float, y: float) -> None:
-    """Write the name and below it the note, left of ``x`` and centred at ``y``."""
-    lines = note.count('\n') + 1 if note else 0
-    y += 7 * max(lines - 1, 0)
-    beside: dict[str, Any] = {'ha': 'right', 'va': 'bottom' if note else 'center'}
-    canvas.text(x, y + 2 * bool(note), name, size=10, weight='bold', color=TEXT, **beside)
-    style: dict[str, Any] = {'ha': 'right', 'va': 'top', 'linespacing': 1.35}
-    canvas.text(x, y - 4, note, size=7.5, color=FAINT, **style)
-
-
 def _draw_bars(
     axes: 'Axes', rows: Sequence[Row], middles: Sequence[float], distribution: Distribution
 ) -> None:
-    """Draw bars at the heights ``middles``, pixels, with whiskers and texts, and the axis."""
     for row, middle in zip(rows, middles, strict=True):
         _draw_bar(axes, row, middle, distribution.drops)
     longest = max((row.upper for row in rows), default=1.0)

@@ -27,10 +27,9 @@ from resting_aspects_ros.report.drop_figures import (
     comparison_figure,
     convergence_figure,
     distribution_figure,
-    estimates_figure,
     pie_figure,
 )
-from resting_aspects_ros.report.drops import down_text, estimate_table, never_seen_text
+from resting_aspects_ros.report.drops import estimate_table
 from resting_aspects_ros.report.figure import NARROW, WIDE
 from resting_aspects_ros.report.format import (
     Row,
@@ -38,6 +37,7 @@ from resting_aspects_ros.report.format import (
     class_of,
     class_rows,
     interval_text,
+    largest_counts,
     millimetre_texts,
     model_range,
     outside_rows,
@@ -65,17 +65,15 @@ from resting_aspects_ros.report.page import (
 from resting_aspects_ros.report.picture import (
     FROM_ABOVE,
     OBLIQUE,
-    Image,
     PosedPart,
     downsample,
     draw_parts,
     picture_part,
     pose_parts,
-    triangle_counts,
 )
-from resting_aspects_ros.report.table import DOWN, Table
+from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.statistics.comparison import Comparison
+from resting_aspects_ros.statistics.comparison import Comparison, DropCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 
@@ -84,7 +82,6 @@ _LABELS = {
     'distribution': 'Bar chart of the probabilities with intervals',
     'pie': 'Pie chart of the shares of all drops',
     'convergence': 'Line chart of the probabilities against the number of drops',
-    'estimates': 'Chart of the predictions of the analytic methods',
     'comparison': 'Bar chart of the simulated and the measured shares',
 }
 FIGURES = tuple(_LABELS)
@@ -92,18 +89,16 @@ FILES = file_names(PAGE, FIGURES)
 # Side of a picture in a row, twice its size on the page for high-resolution screens, smaller on
 # pages with many rows (see page.css); and side of a picture beside a bar.
 PIXELS, PIXELS_OF_MANY_ROWS, SMALL_PIXELS = 320, 192, 64
-MAX_PICTURED_ROWS = 60  # of more rows, those with the most drops have pictures
 
-CONVERGENCE = 'Convergence of the probabilities'
 ASPECTS = (
     'Aspects are numbered from the lowest centre of mass to the highest. Each row shows the '
     'probability that was estimated from {drops} drops, with {spread}. Aspects that a rotation of '
     'the part maps onto each other look the same and are counted together in one row.'
 )
 NOT_LEVEL = (
-    'The parts do not lie on a level plane. An aspect is the side on which the part lies. The '
-    'pictures, the height of the centre of mass, the minimum barrier and the basin show this '
-    'aspect on a level plane: they do not tell how firmly the part rests in these surroundings.'
+    'An aspect is the side on which the part lies in these surroundings. The pictures, the height '
+    'of the centre of mass, the minimum barrier and the basin show it on a level plane: they do '
+    'not tell how firmly the part rests here.'
 )
 CONTACTS = (
     'What touches each body, with the share of all {drops} drops. A number is that of the aspect '
@@ -115,10 +110,6 @@ CONVERGENCE_CAPTION = (
     'Each line shows how the estimated probability of an aspect changed as the number of drops '
     'grew. The horizontal axis is logarithmic. The bands are {spread}; four times as many drops '
     'make them about half as wide.'
-)
-NO_HISTORY = (
-    'The input of this report contains no history of the counts. To see the convergence, make the '
-    'report from the log of the run.'
 )
 
 OUTSIDE = {
@@ -150,19 +141,14 @@ def drop_page(
 
     Parameters
     ----------
-    distribution : Distribution
     part : Part or None
         Without the part, the page has no pictures and no 3D view.
     title, subtitle : str
         Name of the part, and what was dropped.
-    notes, facts
-        See Page.
     history : ((m,) int, (m, k) int), optional
         Numbers of drops, ascending, and the counts of the k aspects after each of them.
-    estimates : mapping, optional
-        (k,) probabilities of the aspects by method.
-    not_defined : mapping, optional
-        By method, why it is not defined for the part.
+    estimates, not_defined : mapping, optional
+        (k,) probabilities of the aspects by method, or why it is not defined for the part.
     measured : (Comparison, ComparedResults), optional
         The counts by class with which the drops are compared.
     range_text : str
@@ -179,27 +165,29 @@ def drop_page(
     shown = outcome_rows(distribution, drawn, part, level=level_floor, longest=longest)
     drops, confidence = distribution.drops, f'{100 * distribution.confidence:g}'
     spread = f'{confidence} % intervals ({distribution.interval.capitalize()})'
-    sections = [
-        _aspect_section(
-            shown, drops, spread, view=drawn.has_view, level=level_floor, range_text=range_text
-        )
+    aspects: list[Item] = [
+        ASPECTS.format(drops=drops, spread=spread),
+        *([range_text] if range_text else []),
+        *([] if level_floor else [NOT_LEVEL]),
+        OutcomeRows(shown, drops, drawn.has_view),
+        *([] if shown else ['The part has no aspects, and no drops were made.']),
     ]
+    sections = [Section('Aspects', 'aspects', aspects)]
     if contacts is not None and contacts.rows:
         texts: list[Item] = [CONTACTS.format(drops=drops), contacts]
         sections.append(Section('Contacts in the surroundings', 'contacts', texts))
     if measured is not None:
-        items = list(comparison_items(drawn.rows, *measured))
-        sections.append(Section('Measured and simulated', 'comparison', items))
-    if history is None and drops > 1:
-        sections.append(Section(CONVERGENCE, 'convergence', [NO_HISTORY]))
-    elif history is not None and len(history[0]) > 1 and drawn.rows:
-        found = bands(distribution, *history)
-        draw = partial(convergence_figure, drawn.rows, history[0], found)
+        compared = list(comparison_items(drawn.rows, *measured))
+        sections.append(Section('Measured and simulated', 'comparison', compared))
+    if history is not None and len(history[0]) > 1 and drawn.rows:
+        draw = partial(convergence_figure, drawn.rows, history[0], bands(distribution, *history))
         caption = CONVERGENCE_CAPTION.format(spread=spread)
         chart = _chart('convergence', draw, caption)
-        sections.append(Section(CONVERGENCE, 'convergence', [chart]))
+        sections.append(Section('Convergence of the probabilities', 'convergence', [chart]))
     if estimates and drawn.rows and part is not None:
-        sections.append(_estimate_section(drawn.rows, part, estimates, not_defined or {}, spread))
+        outside = sum(row.count for row in drawn.outside)
+        found = _estimate_section(drawn.rows, part, estimates, not_defined or {}, outside)
+        sections.append(found)
     saved = partial(
         distribution_figure, distribution, drawn.part, f'{title}, {subtitle}', range_text
     )
@@ -220,7 +208,7 @@ def drop_page(
 
 
 class DrawnRows:
-    """The rows of a distribution, and the pictures of the part in them.
+    """The rows of a distribution, and the pictures of the part in them; none without a part.
 
     pixels : int
         Side of a picture; by default that of the page of the distribution.
@@ -229,34 +217,26 @@ class DrawnRows:
     def __init__(self, distribution: Distribution, part: Part | None, pixels: int = 0) -> None:
         self.rows = class_rows(distribution)
         self.outside = outside_rows(distribution)
-        self.part = part and picture_part(part, distribution.aspects)
+        self.part = part and picture_part(part)
         aspects = [row.aspects[0] for row in self.rows]
         self.posed_parts = pose_parts(self.part, aspects) if self.part else []
-        order = sorted(range(len(self.posed_parts)), key=lambda k: -self.rows[k].count)
-        self.pictured = sorted(order[:MAX_PICTURED_ROWS])
         pixels = pixels or (PIXELS if len(self.rows) <= MANY_ROWS else PIXELS_OF_MANY_ROWS)
-        self.oblique = self._images(OBLIQUE, pixels)
-        self.above = self._images(FROM_ABOVE, pixels)
+        colours = [rgb(row.colour) for row in self.rows][: len(self.posed_parts)]
+        self.oblique = draw_parts(self.posed_parts, colours, pixels, OBLIQUE)
+        self.above = draw_parts(self.posed_parts, colours, pixels, FROM_ABOVE)
 
     @property
     def has_view(self) -> bool:
         """Whether there is a 3D view."""
-        return self.part is not None and bool(self.rows)
+        return bool(self.posed_parts)
 
     def pictures(self, k: int) -> list[str]:
         """Return the oblique, top and small picture of a row as data URIs; empty without one."""
-        if k not in self.oblique:
+        if k >= len(self.oblique):
             return ['', '', '']
         oblique = self.oblique[k]
         small = downsample(oblique, len(oblique) // SMALL_PIXELS)
         return [picture_uri(image) for image in (oblique, self.above[k], small)]
-
-    def _images(self, view: Array, pixels: int) -> dict[int, Image]:
-        """Return the pictures by row index."""
-        posed_parts = [self.posed_parts[k] for k in self.pictured]
-        colours = [rgb(self.rows[k].colour) for k in self.pictured]
-        images = draw_parts(posed_parts, colours, pixels, view)
-        return dict(zip(self.pictured, images, strict=True))
 
 
 def _top(
@@ -267,28 +247,23 @@ def _top(
     spread: str,
 ) -> Iterator[Item]:
     """Yield the 3D view, if there is one, and the shares of all outcomes."""
-    if drawn.part is not None and drawn.rows:
-        triangles = triangle_counts(part, drawn.part)
-        hint = (
-            ''
-            if triangles is None
-            else (
-                f'The pictures show a simplified mesh with {triangles[1]:,} of {triangles[0]:,} '
-                'triangles. All numbers are computed from the full mesh.'
+    if drawn.part is not None and drawn.has_view:
+        hint = ''
+        if part is not None and len(drawn.part.faces) < len(part.faces):
+            hint = (
+                f'The pictures show a simplified mesh with {len(drawn.part.faces):,} of '
+                f'{len(part.faces):,} triangles. All numbers are computed from the full mesh.'
             )
-        )
         data = scene(drawn.part, drawn.rows, drawn.posed_parts)
         yield View(data, shown[0].oblique, shown[0].name, shown[0].probability, hint)
     rows = [*drawn.rows, *drawn.outside]
-    images = [drawn.oblique.get(k) for k in range(len(rows))]
-    bars = largest_rows(shown)
+    images = [*drawn.oblique, *[None] * (len(rows) - len(drawn.oblique))]
+    bars = [shown[k] for k in largest_counts([row.count for row in shown], MAX_SHOWN)]
     caption = f'Share of each outcome in all {distribution.drops} drops, with {spread}.'
     if distribution.model is not None:
         caption += ' The thin bars below are the model ranges.'
     if len(bars) < len(shown):
         caption += f' Bars are shown for the {len(bars)} largest of {len(shown)} outcomes.'
-    if unseen := never_seen_text(distribution):
-        caption += f' {unseen}'
     draw = partial(pie_figure, rows, images)
     yield Bars(Chart('pie', _LABELS['pie'], draw, saved=draw), bars, caption)
 
@@ -299,26 +274,6 @@ def _chart(name: str, draw: Any, caption: str) -> Chart:
     return Chart(name, _LABELS[name], wide, caption, wide, partial(draw, width=NARROW))
 
 
-def _aspect_section(
-    shown: Sequence[OutcomeRow],
-    drops: int,
-    spread: str,
-    *,
-    view: bool,
-    level: bool,
-    range_text: str,
-) -> Section:
-    items: list[Item] = [ASPECTS.format(drops=drops, spread=spread)]
-    if range_text:
-        items.append(range_text)
-    if not level:
-        items.append(NOT_LEVEL)
-    items.append(OutcomeRows(shown, drops, view))
-    if not shown:
-        items.append('The part has no aspects, and no drops were made.')
-    return Section('Aspects', 'aspects', items)
-
-
 def comparison_items(
     rows: Sequence[Row], comparison: Comparison, sides: ComparedResults
 ) -> Iterator[Item]:
@@ -326,7 +281,7 @@ def comparison_items(
     confidence = f'{100 * comparison.confidence:g}'
     first, second = sides.labels
     if sides.what == 'class':
-        rows = [replace(row, name=f'class {sides.name(k)}') for k, row in enumerate(rows)]
+        rows = [replace(row, name=f'class {sides.names[k]}') for k, row in enumerate(rows)]
     labelled = [
         (f'{label}, {tally.counts.sum()} of {tally.drops} drops in an aspect', shares)
         for label, tally, shares in zip(
@@ -344,7 +299,7 @@ def comparison_items(
         f'difference, {first} minus {second}, in percentage points, with simultaneous '
         f'{confidence} % bounds.',
     )
-    yield Text(verdict(comparison, [row.name for row in rows]), 'verdict')
+    yield Text(verdict(comparison, sides), 'verdict')
     yield comparison_table(comparison, sides, '')
     yield Facts(list(measures(comparison, sides).items()))
 
@@ -354,41 +309,33 @@ def _estimate_section(
     part: Part,
     estimates: Mapping[str, Array],
     not_defined: Mapping[str, str],
-    spread: str,
+    outside: int,
 ) -> Section:
     shares = {
         name: np.array([sum(p[a.id - 1] for a in row.aspects) for row in rows])
         for name, p in estimates.items()
     }
-    chart = _chart(
-        'estimates',
-        partial(estimates_figure, rows, shares),
-        'Each symbol is the prediction of one analytic method. These methods use only the shape '
-        'of the part and ignore friction and bounce. For comparison, the coloured bars are the '
-        f'{spread} from the drops, and the line in each is their share.',
-    )
-    table = estimate_table(part, [row.aspects for row in rows], shares, '')
+    drops = DropCounts(np.array([row.count for row in rows]), outside)
+    members = [row.aspects for row in rows]
+    table = estimate_table(part, members, shares, '', drops if drops.counts.any() else None)
     # A page has room for the whole names of the methods.
-    table.headings = [*table.headings[:2], *(METHODS[name].label for name in shares)]
-    table.caption = 'Predictions in %.'
-    return Section(
-        'Analytic estimates',
-        'estimates',
-        [chart, table, *(f'{reason}.' for reason in not_defined.values())],
+    known = len(table.headings) - len(shares)
+    table.headings = [*table.headings[:known], *(METHODS[name].label for name in shares)]
+    text = (
+        'Predictions of analytic methods, in %. These methods use only the shape of the part and '
+        'ignore friction and bounce. For comparison, the first columns are the shares of the '
+        'drops that came to rest in an aspect, with their intervals.'
     )
+    reasons = [f'{reason}.' for reason in not_defined.values()]
+    return Section('Analytic estimates', 'estimates', [text, table, *reasons])
 
 
 def outcome_rows(
     distribution: Distribution, drawn: DrawnRows, part: Part | None, *, level: bool, longest: float
 ) -> list[OutcomeRow]:
-    """Return the texts and pictures of each row.
+    """Return the texts and pictures of each row; a bar has the full width at ``longest``.
 
-    Parameters
-    ----------
-    level : bool
-        Whether the parts lie on a level plane. If not, the facts that are true there say so.
-    longest : float
-        The share at which a bar has the full width.
+    If the parts do not lie on a level plane, the facts that are true there say so.
     """
     rows = [*drawn.rows, *drawn.outside]
     heights = millimetre_texts(
@@ -398,16 +345,18 @@ def outcome_rows(
     found = []
     for k, (row, height) in enumerate(zip(rows, heights, strict=True)):
         oblique, above, small = drawn.pictures(k)
+        note = OUTSIDE.get(row.name, '')
+        if len(row.aspects) > 1:
+            note = f'{len(row.aspects)} aspects that look the same'
         found.append(
             OutcomeRow(
                 name=row.name,
                 short=short_name(row),
-                note=_note(row),
+                note=note,
                 colour=row.colour,
                 count=row.count,
                 **share_fields(row, distribution.drops, longest),
                 facts=_facts(row, height, part, classes, level=level) if row.aspects else (),
-                members=_members(distribution, row) if len(row.aspects) > 1 else None,
                 oblique=oblique,
                 above=above,
                 small=small,
@@ -421,52 +370,14 @@ def share_fields(row: Row, drops: int, longest: float) -> dict[str, Any]:
 
     A bar has the full width at the longest share.
     """
+    seen = probability_text(row.interval) if row.count else 'never seen'
     return {
-        'probability': _probability(row, drops),
+        'probability': seen if drops else 'no drops',
         'interval': interval_text(row.interval),
         'bar': _bar(row.interval, longest),
         'model': row.model and _bar(row.model, longest)[1:],
         'model_text': '' if row.model is None else model_range(row.model),
     }
-
-
-def _members(distribution: Distribution, row: Row) -> Table:
-    """Return the table of the individual aspects of a row."""
-    ranged = distribution.model is not None
-    headings = ['aspect', DOWN, 'count', 'probability', 'interval']
-    if ranged:
-        headings.append('model range')
-    table = Table('', headings, texts={DOWN: None})
-    intervals, ranges = distribution.intervals(), distribution.model_intervals()
-    for aspect in row.aspects:
-        k = aspect.id - 1
-        table.add_row(
-            str(aspect.id),
-            down_text(aspect),
-            str(distribution.counts[k]),
-            probability_text(intervals[k]),
-            interval_text(intervals[k]),
-            *([] if (model := ranges[k]) is None else [interval_text(model)]),
-        )
-    return table
-
-
-def largest_rows(rows: Sequence[OutcomeRow]) -> list[OutcomeRow]:
-    """Return the ``MAX_SHOWN`` rows with the most drops, in their original order."""
-    order = sorted(range(len(rows)), key=lambda k: -rows[k].count)
-    return [rows[k] for k in sorted(order[:MAX_SHOWN])]
-
-
-def _note(row: Row) -> str:
-    if not row.aspects:
-        return OUTSIDE[row.name]
-    return f'{len(row.aspects)} aspects that look the same' if len(row.aspects) > 1 else ''
-
-
-def _probability(row: Row, drops: int) -> str:
-    if not drops:
-        return 'no drops'
-    return probability_text(row.interval) if row.count else 'never seen'
 
 
 def _bar(interval: Interval, longest: float) -> tuple[float, float, float]:
@@ -512,22 +423,10 @@ def _barrier(row: Row, classes: Sequence[tuple[Aspect, ...]]) -> str:
 def scene(part: Part, rows: Sequence[Row], posed_parts: Sequence[PosedPart]) -> dict[str, object]:
     """Return the data of the 3D view as plain types for JSON; lengths are in hull radii.
 
-    Parameters
-    ----------
-    part : Part
-        The part, simplified if it has too many triangles.
-    rows : sequence of Row
-        The rows with aspects.
-    posed_parts : sequence of PosedPart
-        The part in the first aspect of each row.
-
-    Returns
-    -------
-    dict
-        ``points``, relative to the centre of mass, and ``faces``: little-endian float32 and uint32
-        in base64. ``rows``:
-        ``quaternion`` xyzw, tray from part; ``height`` of the centre of mass; ``colour``;
-        ``name``.
+    ``posed_parts`` are the part, simplified if it has too many triangles, in the first aspect of
+    each row. The points are relative to the centre of mass; points and faces are little-endian
+    float32 and uint32 in base64. Of each row: the quaternion xyzw, tray from part, and the height
+    of the centre of mass.
     """
     points = (part.vertices - part.centre_of_mass) / part.hull_radius
     return {
@@ -540,16 +439,11 @@ def scene(part: Part, rows: Sequence[Row], posed_parts: Sequence[PosedPart]) -> 
                 'quaternion': each.orientation.tolist(),
                 # Computed from the mesh, which must touch the tray: the height of the aspect is
                 # that of a smooth curved side.
-                'height': -_lowest(part, each) / part.hull_radius,
+                'height': -float(rotate(each.orientation, points)[:, 2].min()),
             }
             for row, each in zip(rows, posed_parts, strict=True)
         ],
     }
-
-
-def _lowest(part: Part, posed: PosedPart) -> float:
-    """Return the height of the lowest point relative to the centre of mass, m."""
-    return float(rotate(posed.orientation, part.vertices - part.centre_of_mass)[:, 2].min())
 
 
 def _base64(array: npt.NDArray[np.generic]) -> str:

@@ -1,7 +1,7 @@
 """Tables of a distribution, of the aspects of a part, of contacts and of analytic estimates."""
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from resting_aspects_ros.report.format import (
     Row,
     aspect_rows,
     aspects_heading,
-    aspects_text,
     class_of,
     class_rows,
     decimals_of,
@@ -32,14 +31,8 @@ from resting_aspects_ros.report.format import (
 from resting_aspects_ros.report.table import DOWN, NOTHING, RESTS_ON, Number, Table
 from resting_aspects_ros.statistics.comparison import Comparison, DropCounts
 from resting_aspects_ros.statistics.distribution import Distribution, Placements
-from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval, intervals
+from resting_aspects_ros.statistics.intervals import Interval, intervals
 
-# Maximum width of the column RESTS_ON, beyond which its text is wrapped: in a table of classes,
-# also with the model range, and with the mean of each aspect as well; and in a table of single
-# aspects, which also has the column DOWN, unless that is wider than usual.
-_REST_WIDTH, _REST_WIDTH_WITH_RANGE, _REST_WIDTH_OF_SEVERAL, _REST_WIDTH_OF_EACH = 26, 24, 14, 20
-# Width of the column DOWN of a part that does not roll.
-_DOWN_WIDTH = 19
 # Heading of the model range.
 MODEL_RANGE = 'model\nrange'
 
@@ -52,60 +45,48 @@ def distribution_table(
     Classes in which no drop ended have a row, too. The table fits 80 columns, needs no colour,
     and its cells are ASCII. Probabilities are in percent, with as many digits as their interval
     justifies. The model range is a column of its own, and in a table with a row for each aspect
-    below the interval.
-
-    Parameters
-    ----------
-    distribution : Distribution
-    title : str
-        Plain text, shown above the table.
-    part : Part, optional
-        Without the part, the column 'rests on' shows only the size of the support.
-    each : bool
-        Whether the table has a row for each aspect, with its direction, instead of for each class.
+    below the interval. Without the part, the column 'rests on' shows only the size of the support.
     """
     rows = aspect_rows(distribution) if each else class_rows(distribution)
     several = any(len(row.aspects) > 1 for row in rows)
-    ranged = distribution.model is not None
-    own_column = ranged and not each
+    ranged, drops = distribution.model is not None, distribution.drops
+
+    texts: dict[str, Callable[[Row], str]] = {
+        'aspects' if several else 'aspect': short_name,
+        RESTS_ON: lambda row: resting_on(part, row.aspects[0]),
+    }
+    if each:
+        texts[DOWN] = lambda row: down_text(row.aspects[0])
     interval = f'{100 * distribution.confidence:g} % interval'
-    headings = (
-        'aspects' if several else 'aspect',
-        RESTS_ON,
-        *([DOWN] if each else []),
-        'proba-\nbility',
-        f'{interval},\nmodel range' if ranged and each else interval,
-        *([MODEL_RANGE] if own_column else []),
-        'count',
-        *(['per\naspect'] if several else []),
-    )
-    downs = [down_text(row.aspects[0]) if each else '' for row in rows]
-    wider = max(map(len, downs), default=0) - _DOWN_WIDTH
-    width = _REST_WIDTH_OF_EACH - max(wider, 0) if each else _REST_WIDTH
-    if own_column:
-        width = _REST_WIDTH_OF_SEVERAL if several else _REST_WIDTH_WITH_RANGE
-    table = Table(title, headings, texts={RESTS_ON: width, DOWN: None})
-    for row, down in zip(rows, downs, strict=True):
-        cells = [short_name(row), resting_on(part, row.aspects[0])]
-        if each:
-            cells.append(down)
-        probability, sampling, count = shares(row.interval, row.count, distribution.drops)
-        if own_column:
-            cells += [probability, sampling, model_text(row), count]
-        else:
-            both = f'{sampling}\n{model_text(row)}' if ranged else sampling
-            cells += [probability, both, count]
-        if several:
-            cells.append(_each_text(row, distribution.drops))
-        table.add_row(*cells)
+    values: dict[str, Callable[[Row], str]] = {
+        'proba-\nbility': lambda row: shares(row.interval, row.count, drops)[0]
+    }
+    if ranged and each:
+        values[f'{interval},\nmodel range'] = _interval_and_range
+    else:
+        values[interval] = lambda row: interval_text(row.interval)
+    if ranged and not each:
+        values[MODEL_RANGE] = model_text
+    values['count'] = lambda row: str(row.count)
+    if several:
+        values['per\naspect'] = partial(_each_text, drops=drops)
+
+    headings = [*texts, *values]
+    table = Table(title, headings, texts={RESTS_ON, DOWN}, wrapped=RESTS_ON)
+    for row in rows:
+        table.add_row(*(cell(row) for cell in (*texts.values(), *values.values())))
     table.add_section()
+    empty = [''] * (len(texts) - 2)
     for row in outside_rows(distribution):
-        cells = ['', row.name, *([''] if each else [])]
-        probability, sampling, count = shares(row.interval, row.count, distribution.drops)
-        table.add_row(*cells, probability, sampling, *([NOTHING] if own_column else []), count)
-    empty = [''] * (2 + each + own_column)
-    table.add_row('', 'drops in total', *empty, str(distribution.drops), bold=True)
+        table.add_row('', row.name, *empty, *(cell(row) for cell in values.values()))
+    total = {RESTS_ON: 'drops in total', 'count': str(drops)}
+    table.add_row(*(total.get(heading, '') for heading in headings), bold=True)
     return table
+
+
+def _interval_and_range(row: Row) -> str:
+    below = '' if row.model is None else f'\n{model_text(row)}'
+    return f'{interval_text(row.interval)}{below}'
 
 
 def model_text(row: Row) -> str:
@@ -113,40 +94,8 @@ def model_text(row: Row) -> str:
     return NOTHING if row.model is None else interval_text(row.model)
 
 
-def never_seen_text(distribution: Distribution, *, each: bool = False) -> str:
-    """Describe the aspects in which no drop ended; empty if there are none."""
-    # The basins are those of a level floor.
-    normal = distribution.aspects.floor_normal
-    level = normal is None or float(normal[2]) > 1 - 1e-9
-    texts = [
-        f'{row.name} (at most {100 * row.interval.upper:.2g} %{_basin_text(row) if level else ""})'
-        for row in (aspect_rows(distribution) if each else class_rows(distribution))
-        if not row.count
-    ]
-    return f'Never seen: {", ".join(texts)}.' if texts and distribution.drops else ''
-
-
-def merged_text(aspects: AspectSet) -> str:
-    """Describe the barriers that were ignored to find the aspects; empty if there are none."""
-    having = tuple(aspect for aspect in aspects if aspect.merged > 0)
-    if not having:
-        return ''
-    highest = max(1e-3, 1000 * max(aspect.merged for aspect in having))
-    return (
-        f'Ignored in {aspects_text(having)}: barriers of up to {highest:.2g} mm, which the mesh '
-        'or noise explains.'
-    )
-
-
-def _basin_text(row: Row) -> str:
-    share = 100 * sum(aspect.basin_share for aspect in row.aspects)
-    them = 'them' if len(row.aspects) > 1 else 'it'
-    return f'; the part rolls into {them} from {share:.2g} % of all directions'
-
-
 def _each_text(row: Row, drops: int) -> str:
-    """Return the mean probability of the aspects of a row."""
-    if len(row.aspects) == 1 or not drops:
+    if len(row.aspects) < 2 or not drops:
         return ''
     share = 100 * row.interval.probability / len(row.aspects)
     return Number(f'{share:.{decimals_of(row.interval)}f} %', share)
@@ -180,7 +129,7 @@ def aspect_table(aspects: AspectSet, part: Part, title: str, *, each: bool = Fal
         'barrier\n(mm)',
         'to',
     )
-    table = Table(title, headings, texts={RESTS_ON: 14 if each else 24, DOWN: None})
+    table = Table(title, headings, texts={RESTS_ON, DOWN}, wrapped=RESTS_ON)
     heights = millimetre_texts(np.array([row[0].com_height for row in rows]))
     for row, height in zip(rows, heights, strict=True):
         aspect = row[0]
@@ -205,7 +154,6 @@ def _barrier_text(aspect: Aspect) -> str:
 
 
 def _to_text(aspect: Aspect, classes: list[tuple[Aspect, ...]] | None) -> str:
-    """Return the aspect behind the minimum barrier, or all aspects of its class."""
     if not aspect.neighbour:
         return '-'
     if classes is None:
@@ -261,40 +209,14 @@ def contact_table(contacts: Placements, distribution: Distribution) -> Table:
     title = 'Contacts: which side of the part is on which plane, by the number of its aspect'
     table = Table(title, headings)
     rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
-    named = [contacts.named(placement) for placement, _ in rows]
-    texts = [['-' if one[name] is None else str(one[name]) for name in names] for one in named]
-    _letter_repeated(texts)
-    for (placement, interval), cells in zip(rows[:MAX_ROWS], texts, strict=False):
+    for placement, interval in rows[:MAX_ROWS]:
+        named = contacts.named(placement)
+        cells = ['-' if named[name] is None else str(named[name]) for name in names]
         table.add_row(*cells, *shares(interval, placement.count, distribution.drops))
     if len(rows) > MAX_ROWS:
         rest = sum(placement.count for placement, _ in rows[MAX_ROWS:])
         table.add_row(f'{len(rows) - MAX_ROWS} more', *[''] * (len(names) + 1), str(rest))
     return table
-
-
-def _letter_repeated(rows: list[list[str]]) -> None:
-    """Add letters to rows with the same cells, which differ in the orientation of the part.
-
-    The letter follows the last cell that is not an aspect: 'edge a', 'edge b'.
-    """
-    total = Counter(map(tuple, rows))
-    seen: Counter[tuple[str, ...]] = Counter()
-    for row in rows:
-        key = tuple(row)
-        if total[key] > 1:
-            column = max((k for k, cell in enumerate(row) if cell[0].isalpha()), default=-1)
-            row[column] += f' {_letters(seen[key])}'
-            seen[key] += 1
-
-
-def _letters(number: int) -> str:
-    """Return a, b, ... z, aa, ab, ... for 0, 1, ..."""
-    first, last = divmod(number, 26)
-    return (_letters(first - 1) if first else '') + chr(ord('a') + last)
-
-
-# Maximum width of the column RESTS_ON, beyond which its text is wrapped.
-_REST_WIDTH_OF_ESTIMATES = 20
 
 
 def estimate_table(
@@ -307,22 +229,16 @@ def estimate_table(
 ) -> Table:
     """Return a table with a row for each aspect or class, and a column for each method.
 
-    Shares are in percent, and cells are ASCII. For most parts the table fits 80 columns. With
-    counts of drops, the first columns are their shares in the drops that are in an aspect, and the
-    intervals; the last rows are the deviations of each method from them.
+    Shares are in percent, and cells are ASCII. With counts of drops, the first columns are their
+    shares in the drops that are in an aspect, and the intervals; the last rows are the deviations
+    of each method that is defined.
 
     Parameters
     ----------
-    rows : sequence of tuples of Aspect
-        The aspects that each row combines.
     shares : mapping
         (k,) shares of the rows, by the method's name; None if it is not defined.
-    title : str
-        Plain text, shown above the table.
     against : DropCounts, optional
         Counts of the rows.
-    deviations : mapping
-        Comparison of the counts with each method that is defined.
     """
     if against is None:
         headings = [RESTS_ON]
@@ -339,7 +255,7 @@ def estimate_table(
     for method in shares:
         headings.append(method if len(shares) == 1 else METHODS[method].heading)
     headings = [aspects_heading(rows), *headings]
-    table = Table(title, headings, texts={RESTS_ON: _REST_WIDTH_OF_ESTIMATES})
+    table = Table(title, headings, texts={RESTS_ON}, wrapped=RESTS_ON)
     for k, cells in enumerate(first):
         predicted = [NOTHING if p is None else share_text(float(p[k])) for p in shares.values()]
         table.add_row(ids_text(rows[k]), *cells, *predicted)
@@ -355,11 +271,6 @@ def estimate_table(
     return table
 
 
-def legend(methods: Sequence[str]) -> list[str]:
-    """Return a line for each method: its name on the command line, its label and its meaning."""
-    return [f'{name:<16}{METHODS[name].label}: {METHODS[name].meaning}' for name in methods]
-
-
 def estimate_document(
     part: Part, estimates: Mapping[str, Estimate], reasons: Mapping[str, str]
 ) -> dict[str, object]:
@@ -368,52 +279,22 @@ def estimate_document(
     If a method is not defined for the part, its ``aspects`` are empty and ``not_defined`` is the
     reason, otherwise null.
     """
+    methods = {}
+    for name in METHODS:
+        found = estimates.get(name)
+        if found is not None or name in reasons:
+            methods[name] = {
+                'source': METHODS[name].source,
+                'not_defined': reasons.get(name),
+                'aspects': _rows(found.probabilities) if found else [],
+                'classes': _rows(found.class_probabilities()) if found else [],
+            }
     return {
         'schema_version': SCHEMA_VERSION,
         'part': part.name,
         'mesh_sha256': part.mesh_sha256,
         'part_sha256': part.part_sha256,
-        'methods': {
-            name: {
-                'source': METHODS[name].source,
-                'not_defined': reasons.get(name),
-                'aspects': _rows(estimates[name].probabilities) if name in estimates else [],
-                'classes': _rows(estimates[name].class_probabilities())
-                if name in estimates
-                else [],
-            }
-            for name in METHODS
-            if name in estimates or name in reasons
-        },
-    }
-
-
-def against_fields(
-    path: str, tally: DropCounts, deviations: Mapping[str, Comparison], *, by_class: bool
-) -> dict[str, object]:
-    """Return the reference counts, and the deviation of each method from them.
-
-    Shares refer to the drops that are in an aspect.
-    """
-    many, one = ('classes', 'class') if by_class else ('aspects', 'aspect')
-    shares = intervals(tally.counts, int(tally.counts.sum()))
-    return {
-        'file': path,
-        'drops': tally.drops,
-        'confidence': CONFIDENCE,
-        many: [
-            {'id': k, **share_fields(int(count), each)}
-            for k, (count, each) in enumerate(zip(tally.counts, shares, strict=True), start=1)
-        ],
-        'methods': {
-            name: {
-                'mean_deviation': each.mean_deviation,
-                'largest_deviation': abs(each.largest_deviation),
-                f'largest_{one}': each.largest_aspect,
-                'p_value': each.p_value,
-            }
-            for name, each in deviations.items()
-        },
+        'methods': methods,
     }
 
 

@@ -3,13 +3,11 @@
 import io
 import re
 import textwrap
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.report.format import Row
 from resting_aspects_ros.report.picture import Image
 
 if TYPE_CHECKING:
@@ -74,14 +72,8 @@ def svg_text(figure: 'Figure') -> str:
 def inline_svg(svg: str, name: str, label: str) -> str:
     """Return an SVG file as an element of a page, in the colours of the page.
 
-    Parameters
-    ----------
-    svg : str
-        Text from svg_text.
-    name : str
-        Prefix of the ids, unique for each figure of the page; letters and '-'.
-    label : str
-        Alternative text of the figure for screen readers; without XML special characters.
+    ``name`` is the prefix of the ids, unique for each figure of the page: letters and '-'.
+    ``label`` is the alternative text for screen readers, without XML special characters.
     """
     svg = svg[svg.index('<svg') :]
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
@@ -96,10 +88,6 @@ def inline_svg(svg: str, name: str, label: str) -> str:
 
 
 WIDE, NARROW = 7.2, 4.1  # widths of a figure, inches; NARROW is for a mobile phone
-# Margin on the right, inches.
-_RIGHT = 0.25
-# Height of the line of text above a band in a narrow figure, inches.
-_LINE = 0.24
 
 
 def labels_apart(values: Array, gap: float, low: float = 0.0, high: float = np.inf) -> Array:
@@ -119,85 +107,8 @@ def labels_apart(values: Array, gap: float, low: float = 0.0, high: float = np.i
     return np.clip(fitted, low, high - steps.max(initial=0.0)) + steps
 
 
-class RowAxes:
-    """A figure with a named horizontal band for each row, from top to bottom.
-
-    The names are left of the bands, or in a narrow figure in a line above each band.
-
-    Parameters
-    ----------
-    inches : float
-        Height of a band.
-    below : float
-        Height of the space below all bands, inches.
-
-    places : (rows,) float
-        Centre of each band on the vertical axis.
-    """
-
-    def __init__(self, rows: Sequence[Row], inches: float, width: float, below: float) -> None:
-        self._narrow = width <= NARROW
-        self._inches = inches
-        self._pitch = inches + (_LINE if self._narrow else 0.0)
-        self.height = self._pitch * len(rows) + below + 0.1
-        self.figure = new_figure(width, self.height)
-        names = [row.name for row in rows]
-        left = 0.2 + (0.0 if self._narrow else 0.08 * max(map(len, names), default=0))
-        place = 1 - (left + _RIGHT) / width
-        bottom, top = below / self.height, 0.1 / self.height
-        self.axes = self.figure.add_axes((left / width, bottom, place, 1 - bottom - top))
-        plain_axes(self.axes, 'x')
-        self.places = np.arange(len(rows), dtype=np.float64)
-        half = self.data(inches / 2)
-        self.axes.set_ylim(len(rows) - 1 + half, half - 1)
-        self.axes.set_yticks(self.places, [''] * len(rows) if self._narrow else names)
-        self.axes.tick_params(axis='y', labelcolor=TEXT, labelsize=9)
-        if self._narrow:
-            for name, y in zip(names, self.places, strict=True):
-                self._in_line(name, 0, y, size=9)
-
-    def data(self, inches: float) -> float:
-        """Convert a height from inches to units of the vertical axis."""
-        return inches / self._pitch
-
-    def write(self, texts: Sequence[str], ends: Sequence[float]) -> float:
-        """Write a text right of the end of each row, and return the width that it needs, inches.
-
-        In a narrow figure the text is in the line above the band.
-        """
-        if self._narrow:
-            for text, y in zip(texts, self.places, strict=True):
-                self._in_line(text, 1, y, size=8, weight='bold', ha='right')
-            return 0.1
-        for text, x, y in zip(texts, ends, self.places, strict=True):
-            self.axes.annotate(
-                text,
-                (x, y),
-                (8, 0),
-                textcoords='offset points',
-                size=9,
-                weight='bold',
-                va='center',
-                color=TEXT,
-            )
-        return 0.2 + 0.083 * max(map(len, texts), default=0)
-
-    def _in_line(self, text: str, x: float, y: float, **style: Any) -> None:
-        """Write into the line above the band at ``y``; ``x`` is a fraction of the width."""
-        self.axes.annotate(
-            text,
-            (x, y),
-            (0, 36 * self._inches + 2),
-            xycoords=('axes fraction', 'data'),
-            textcoords='offset points',
-            color=TEXT,
-            **style,
-        )
-
-
 MARGIN = 28
-# Sizes of the texts, points, and the widths of their mean characters, pixels.
-TITLE_SIZE, NOTE_SIZE = 12.0, 8.0
+# Widths of the mean characters of a title and a note, and heights of their lines, pixels.
 _TITLE_CHARACTER, _NOTE_CHARACTER = 15.5, 8.4
 _TITLE_LINE, _NOTE_LINE = 32, 22
 
@@ -229,27 +140,15 @@ class Header:
         room = width - 2 * MARGIN
         self._title = _wrapped(title, int(room / _TITLE_CHARACTER))
         self._note = _wrapped(note, int(room / _NOTE_CHARACTER))
-        self.height = (
-            MARGIN + _TITLE_LINE * self._lines(self._title) + _NOTE_LINE * self._lines(self._note)
-        )
+        self._below = MARGIN + _TITLE_LINE * len(self._title.splitlines())
+        self.height = self._below + _NOTE_LINE * len(self._note.splitlines())
 
     def draw(self, axes: 'Axes') -> None:
         """Write both into the upper left corner."""
-        top = axes.get_ylim()[1] - MARGIN
+        top = axes.get_ylim()[1]
         style: dict[str, Any] = {'va': 'top', 'parse_math': False}
-        axes.text(MARGIN, top, self._title, size=TITLE_SIZE, weight='bold', color=TEXT, **style)
-        axes.text(
-            MARGIN,
-            top - _TITLE_LINE * self._lines(self._title),
-            self._note,
-            size=NOTE_SIZE,
-            color=FAINT,
-            **style,
-        )
-
-    @staticmethod
-    def _lines(text: str) -> int:
-        return text.count('\n') + 1 if text else 0
+        axes.text(MARGIN, top - MARGIN, self._title, size=12, weight='bold', color=TEXT, **style)
+        axes.text(MARGIN, top - self._below, self._note, size=8, color=FAINT, **style)
 
 
 def _wrapped(text: str, columns: int) -> str:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,6 @@ from resting_aspects_ros.feeding.steady_state import cycle_time
 from resting_aspects_ros.report.document import plain
 from resting_aspects_ros.report.figure import (
     FAINT,
-    PAPER,
     TEXT,
     Header,
     percent_axis,
@@ -22,14 +21,13 @@ from resting_aspects_ros.report.figure import (
 )
 from resting_aspects_ros.report.format import (
     COLOURS,
-    GREY,
     aspects_text,
     ids_text,
     minutes_text,
     number_text,
     share_text,
 )
-from resting_aspects_ros.report.table import NOTHING, Number, Table
+from resting_aspects_ros.report.table import NOTHING, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +38,6 @@ if TYPE_CHECKING:
 
 # A rate below this many parts per minute is none.
 NO_RATE = 1e-6
-# A smaller share of cycles without a pick is not stated exactly.
-MIN_SHARE = 1e-4
 _HEADING_WIDTH = 22
 
 
@@ -83,27 +79,31 @@ def forecast_sentence(named: NamedForecast) -> str:
     )
 
 
-def cell_text(named: NamedForecast) -> str:
-    """Return the times, the tray and the clearance that a forecast is for, in one sentence."""
+def cell_facts(named: NamedForecast) -> list[tuple[str, str]]:
+    """Return label and value of the times, the tray and the gripper that a forecast is for."""
     times, tray = named.model.times, named.model.tray
-    names = {
-        'robot': times.robot,
-        'feeder motion': times.vibrate,
-        'settling': times.settle,
-        'image': times.image,
-    }
-    facts = [f'{name} {seconds:g} s' for name, seconds in names.items()]
+    facts = [
+        ('robot', f'{times.robot:g} s'),
+        ('feeder motion', f'{times.vibrate:g} s'),
+        ('settling', f'{times.settle:g} s'),
+        ('image', f'{times.image:g} s'),
+    ]
     if times.supply:
-        facts.append(f'supply {times.supply:g} s per part')
+        facts.append(('supply per part', f'{times.supply:g} s'))
     if times.place:
-        facts.append(f'overlap {times.overlap:g} s')
-    facts.append('tray {:g} x {:g} mm'.format(*(1000 * side for side in tray.size)))
-    facts.append(f'clearance {1000 * tray.clearance:g} mm')
+        facts.append(('overlap', f'{times.overlap:g} s'))
+    facts.append(('tray', '{:g} x {:g} mm'.format(*(1000 * side for side in tray.size))))
+    facts.append(('clearance', f'{1000 * tray.clearance:g} mm'))
     if tray.gripper is not None:
-        facts.append(f'gripper {tray.gripper.text}')
+        facts.append(('gripper', tray.gripper.text))
     if named.model.max_picks is not None:
-        facts.append(f'at most {named.model.max_picks} picks per image')
-    return f'For {", ".join(facts)}.'
+        facts.append(('maximum picks per image', str(named.model.max_picks)))
+    return facts
+
+
+def cell_text(named: NamedForecast) -> str:
+    """Return what a forecast is for, in one sentence."""
+    return f'For {", ".join(f"{label} {value}" for label, value in cell_facts(named))}.'
 
 
 def range_text(named: NamedForecast) -> str:
@@ -120,23 +120,17 @@ def range_text(named: NamedForecast) -> str:
 
 
 def forecast_notes(named: NamedForecast) -> list[str]:
-    """Return sentences on where the model ends, if the forecast is there."""
-    found, notes = named.forecast, []
-    percent = f'{100 * MAX_COVERAGE:g} %'
-    if found.coverage > 1.02 * MAX_COVERAGE:
-        notes.append(
-            f'The parts cover {share_text(found.coverage)} % of the tray. Above about {percent}, '
-            'parts lean on each other or entangle, which the forecast does not include.'
-        )
-    elif found.at_limit and found.number == found.best_number:
-        notes.append(
-            'More parts on the tray might give a higher rate, but above a coverage of about '
-            f'{percent}, parts lean on each other or entangle, which the forecast does not '
-            'include.'
-        )
-    if found.best_number == 1:
-        notes.append('With more than one part on the tray, too few parts are free.')
-    return notes
+    """Return a sentence on where the model ends, if the forecast is there."""
+    found = named.forecast
+    beyond = found.coverage > 1.02 * MAX_COVERAGE
+    if not beyond and not (found.at_limit and found.number == found.best_number):
+        return []
+    text = (
+        f'The parts cover {share_text(found.coverage)} % of the tray. Above about '
+        f'{100 * MAX_COVERAGE:g} %, parts lean on each other or entangle, which the forecast does '
+        'not include.'
+    )
+    return [text]
 
 
 def forecast_table(forecasts: Sequence[NamedForecast]) -> Table:
@@ -144,7 +138,7 @@ def forecast_table(forecasts: Sequence[NamedForecast]) -> Table:
     headings = [textwrap.fill(each.title, _HEADING_WIDTH) for each in forecasts]
     best = all(each.forecast.number == each.forecast.best_number for each in forecasts)
     first = 'with the best number of parts' if best else ''
-    table = Table('', (first, *headings), texts={first: None})
+    table = Table('', (first, *headings), texts={first})
     columns = [dict(_cells(each)) for each in forecasts]
     for name in columns[0]:
         table.add_row(name, *(column[name] for column in columns))
@@ -162,21 +156,6 @@ def mix_table(named: NamedForecast) -> Table:
         pickable = 'yes' if model.pickable[k] else 'no'
         texts = (share_text(float(share)) for share in shares)
         table.add_row(ids_text(row), pickable, *texts, model.footprints[k].text)
-    return table
-
-
-def curve_table(named: NamedForecast) -> Table:
-    """Return a table of the rate for each number of parts on the tray."""
-    headings = ('parts on\nthe tray', 'parts per\nminute', 'interval', 'empty\ncycles', 'free')
-    table = Table('', headings)
-    for number, rate, lower, upper, empty, free in _points(named.forecast.curve):
-        table.add_row(
-            f'{number}',
-            Number(f'{rate:.2f}', rate),
-            Number(f'{lower:.2f} to {upper:.2f}', lower, upper),
-            Number(f'{100 * empty:.1f} %', 100 * empty),
-            Number(f'{100 * free:.1f} %', 100 * free),
-        )
     return table
 
 
@@ -207,7 +186,7 @@ def _cells(named: NamedForecast) -> list[tuple[str, str]]:
         ('covered share of the tray', f'{share_text(found.coverage)} %'),
         ('picks per cycle', number_text(float(picks.mean)) if picks.mean > 0 else '0'),
         ('duration of a cycle', f'{number_text(cycle)} s'),
-        ('cycles without a pick', _small_share_text(float(picks.none))),
+        ('cycles without a pick', f'{share_text(float(picks.none))} %'),
         ('flips of a part until picked', NOTHING if none else number_text(found.flips_per_part)),
         ('time of the robot', f'{share_text(shares["robot"])} %'),
         ('limited by', found.limited_by or NOTHING),
@@ -233,10 +212,6 @@ def _aspects_text(rows: Sequence[tuple[Aspect, ...]], mask: Sequence[bool]) -> s
     )
     found = tuple(sorted(found, key=lambda aspect: aspect.id))
     return aspects_text(found)
-
-
-def _small_share_text(share: float) -> str:
-    return f'{share_text(share)} %' if share == 0 or share >= MIN_SHARE else '< 0.01 %'
 
 
 def _rate_texts(*rates: float) -> list[str]:
@@ -277,30 +252,10 @@ _SIZES = ('length', 'width', 'radius')
 
 
 def forecast_fields(named: NamedForecast) -> dict[str, Any]:
-    """Return a forecast as plain JSON types.
-
-    Returns
-    -------
-    dict
-        ``sentence``: the result in words. ``parts_per_minute`` in the long run, with its bounds
-        ``lower`` and ``upper``; ``model_lower`` and ``model_upper`` if assumptions may be broken,
-        and the effect of each of the ``assumptions``; ``prediction_lower`` and
-        ``prediction_upper`` for a run of ``minutes``. ``parts_on_tray``, and ``best_number``,
-        which is null if no part can be picked; ``best_number_is_limit``: whether it is only the
-        largest number for which the model holds. ``flips_per_part``: the mean number of flips of a
-        part from its supply until it is picked, null if it never is. ``empty_cycles``: the share
-        of cycles without a pick. ``picks_per_cycle``, ``cycle_time`` s, ``supplied_per_cycle``.
-        ``coverage``: the share of the tray that parts cover. ``limited_by``: robot, feeder or
-        vision; null if nothing can be picked. ``times``: s. ``time_shares`` of a mean cycle.
-        ``sensitivity``: change of the rate in % if a time is 10 % ``shorter`` or ``longer``.
-        ``curve``: the same quantities for several numbers of parts. ``mix``: for each row, an
-        aspect or a symmetry class, the shares of a ``drop`` and of the parts ``on_tray`` in an
-        image, the probability that a part is ``free`` and ``picked``, and ``length`` and ``width``
-        seen from above, m.
-    """
+    """Return a forecast as plain JSON types; docs/reference/files.md describes the keys."""
     model, found = named.model, named.forecast
     gripper = model.tray.gripper
-    state, curve = found.state, found.curve
+    state = found.state
     lower, upper = found.prediction
     drop = model.drop / model.drop.sum()
     rows = zip(named.rows, model.footprints, drop.tolist(), strict=True)
@@ -341,7 +296,7 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
             name: {'shorter': 100 * shorter, 'longer': 100 * longer}
             for name, (shorter, longer) in found.sensitivity.items()
         },
-        'curve': [dict(zip(_CURVE, point, strict=True)) for point in _points(curve)],
+        'curve': _points(found.curve),
         'mix': [
             {
                 'aspects': [aspect.id for aspect in row],
@@ -360,56 +315,41 @@ def forecast_fields(named: NamedForecast) -> dict[str, Any]:
     return {name: plain(value) for name, value in document.items()}
 
 
-# Fields of a point of the curve, and their names in the document.
-_CURVE = {
-    'number': 'number',
-    'parts_per_minute': 'rate',
-    'lower': 'lower',
-    'upper': 'upper',
-    'empty_cycles': 'empty_cycles',
-    'free': 'free',
-}
+def _points(curve: Curve) -> list[dict[str, Any]]:
+    columns = {
+        'number': curve.number,
+        'parts_per_minute': curve.rate,
+        'lower': curve.lower,
+        'upper': curve.upper,
+        'empty_cycles': curve.empty_cycles,
+        'free': curve.free,
+    }
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
-def _points(curve: Curve) -> Iterator[tuple[Any, ...]]:
-    """Yield the values of each point of the curve in the order of _CURVE."""
-    return zip(*(getattr(curve, name).tolist() for name in _CURVE.values()), strict=True)
-
-
+# What explains the figure.
+FORECAST_NOTE = (
+    'Parts per minute in the long run; the band is the interval that follows from the number '
+    'of simulated drops and actions. Dot: best number of parts on the tray. Below: the share '
+    'of the cycles without a pick.'
+)
 # Sizes in pixels.
 WIDTH, LEFT, RIGHT = 1240, 92, 40
-RATE, EMPTY, GAP, BAR, BOTTOM, NAME = 400, 150, 92, 44, 70, 24
-# Colours of the times of a cycle, and the labels of those times.
-_TIMES = {
-    'vibrate': (COLOURS[1], 'vibrate'),
-    'settle': (COLOURS[6], 'settle'),
-    'image': (COLOURS[4], 'image'),
-    'supply': (GREY, 'supply'),
-    'robot': (COLOURS[2], 'robot'),
-}
+RATE, EMPTY, GAP, BOTTOM, NAME = 400, 150, 92, 70, 24
 _LINES = (COLOURS[0], COLOURS[3], COLOURS[5], COLOURS[7], COLOURS[9])
-# A share of the time below this has no label in its bar.
-_LABELLED = 0.09
 
 
 def forecast_figure(forecasts: Sequence[NamedForecast], title: str) -> 'Figure':
-    """Draw three charts, with a line and a bar for each forecast.
+    """Draw two charts, with a line for each forecast.
 
     Parts per minute against the number of parts on the tray, with the interval of the long run as
-    a band, a dot at the best number, and a circle at the number of the forecast if that is another
-    one; the share of cycles without a pick; and the shares of the time of a cycle.
-
-    Parameters
-    ----------
-    forecasts : sequence of NamedForecast
-        At least one.
-    title : str
-        Without a title, the figure has no explanation either; see forecast_note.
+    a band and a dot at the best number; and the share of cycles without a pick. Without a title,
+    the figure has no explanation either; see FORECAST_NOTE.
     """
-    header = Header(title, forecast_note(forecasts) if title else '', WIDTH)
-    bars = len(forecasts) * (BAR + NAME)
+    header = Header(title, FORECAST_NOTE if title else '', WIDTH)
     names = NAME * (len(forecasts) + 1 if len(forecasts) > 1 else 1)
-    height = header.height + names + RATE + GAP + EMPTY + GAP + bars + BOTTOM
+    height = header.height + names + RATE + GAP + EMPTY + BOTTOM
     figure, canvas = pixel_axes(WIDTH, height)
     header.draw(canvas)
 
@@ -417,36 +357,13 @@ def forecast_figure(forecasts: Sequence[NamedForecast], title: str) -> 'Figure':
         place = (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, size / height)
         return figure.add_axes(place)
 
-    shares, empty = axes_at(BOTTOM, bars), axes_at(BOTTOM + bars + GAP, EMPTY)
-    rate = axes_at(BOTTOM + bars + GAP + EMPTY + GAP, RATE)
-    _draw_rates(rate, forecasts)
-    _draw_empty(empty, forecasts)
-    _draw_times(shares, forecasts)
+    _draw_rates(axes_at(BOTTOM + EMPTY + GAP, RATE), forecasts)
+    _draw_empty(axes_at(BOTTOM, EMPTY), forecasts)
     for k, each in enumerate(forecasts if len(forecasts) > 1 else ()):
         y = height - header.height - NAME * (k + 0.1)
         canvas.plot([LEFT, LEFT + 40], [y, y], color=_colour(k), linewidth=2)
         canvas.text(LEFT + 50, y, each.title, size=8.5, color=TEXT, va='center')
     return figure
-
-
-def forecast_note(forecasts: Sequence[NamedForecast]) -> str:
-    """Return the text that explains the figure."""
-    return (
-        'Parts per minute in the long run; the band is the interval that follows from the number '
-        'of simulated drops and actions. Dot: best number of parts on the tray'
-        + (
-            '; circle: number of the forecast. '
-            if any(each.forecast.number != each.forecast.best_number for each in forecasts)
-            else '. '
-        )
-        + 'Below: the share of the cycles without a pick, and the shares of the time of a cycle '
-        '(from the left vibrate, settle, image, supply and robot)'
-        + (
-            ', where the time in which feeder and robot overlap is that of the feeder.'
-            if any(each.model.times.overlap for each in forecasts)
-            else '.'
-        )
-    )
 
 
 def _draw_rates(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
@@ -470,11 +387,6 @@ def _draw_rates(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
                 weight='bold',
                 color=TEXT,
             )
-        if found.number != found.best_number:
-            here = rates[found.number]
-            axes.plot(
-                found.number, here, 'o', color=_colour(k), markerfacecolor=PAPER, markersize=7
-            )
     _number_axis(axes, forecasts)
     top = max(float(each.forecast.curve.upper.max()) for each in forecasts)
     axes.set_ylim(0, 1.12 * top or 1.0)
@@ -492,29 +404,7 @@ def _draw_empty(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
     axes.set_xlabel('parts on the tray', size=8, color=FAINT, labelpad=8)
 
 
-def _draw_times(axes: 'Axes', forecasts: Sequence[NamedForecast]) -> None:
-    plain_axes(axes, 'x')
-    for k, each in enumerate(forecasts):
-        left, y = 0.0, -float(k)
-        for name, share in each.forecast.time_shares.items():
-            colour, label = _TIMES[name]
-            axes.barh(y, share, BAR / (BAR + NAME), left=left, color=colour, edgecolor=PAPER)
-            if share >= _LABELLED:
-                text = f'{label} {100 * share:.0f} %'
-                # Black is legible on all colours of the times.
-                axes.text(left + share / 2, y, text, ha='center', va='center', size=8)
-            left += share
-        if len(forecasts) > 1:
-            axes.text(0, y + 0.36, each.title, va='bottom', size=7.5, color=FAINT)
-    axes.set_ylim(-len(forecasts) + 0.5, 0.5 + 0.1 * (len(forecasts) > 1))
-    axes.set_yticks([])
-    axes.set_xlim(0, 1)
-    percent_axis(axes, 'x', 1.0)
-    axes.set_xlabel('share of the time of a cycle', size=8, color=FAINT, labelpad=8)
-
-
 def _name(axes: 'Axes', text: str) -> None:
-    """Write what a chart shows above its left end."""
     axes.annotate(
         text,
         (0, 1),

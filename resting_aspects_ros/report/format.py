@@ -19,11 +19,7 @@ from resting_aspects_ros.statistics.intervals import Interval
 
 
 def interval_of(distribution: Distribution, count: int) -> Interval:
-    """Return the probability and its interval of an outcome that ``count`` drops had.
-
-    It serves outcomes that are not a single aspect: unclassified drops, or several aspects
-    together.
-    """
+    """Return the probability of an outcome that ``count`` drops had, such as several aspects."""
     rest = distribution.drops - count
     return with_counts(distribution, np.array([count, rest])).intervals()[0]
 
@@ -36,8 +32,7 @@ def with_counts(distribution: Distribution, counts: Counts, unclassified: int = 
 
 def outside_aspects(distribution: Distribution) -> list[tuple[str, int]]:
     """Return the name and the count of each outcome in no aspect that occurred."""
-    counts = ((name, int(getattr(distribution, name))) for name in OUTSIDE)
-    return [(name, count) for name, count in counts if count]
+    return [(name, int(count)) for name in OUTSIDE if (count := getattr(distribution, name))]
 
 
 def decimals_of(interval: Interval) -> int:
@@ -77,19 +72,12 @@ def points_text(deviation: float, lower: float, upper: float) -> str:
 
 
 def shown_difference(first: float, second: float, decimals: int) -> float:
-    """Return first - second of two shares as they are shown, in percent with these decimals.
-
-    A reader who subtracts the shown numbers gets the same. It differs from the exact difference by
-    at most one unit of the last digit.
-    """
+    """Return first - second of two shares as they are shown, in percent with these decimals."""
     return (round(100 * first, decimals) - round(100 * second, decimals)) / 100
 
 
 def share_text(share: float) -> str:
-    """Return a share in percent without the percent sign.
-
-    It has one decimal, as '27.8', or below 1 % two significant digits, as '0.034'.
-    """
+    """Return a share in percent, as '27.8', or below 1 % with two digits, as '0.034'."""
     percent = 100 * share
     text = f'{percent:.1f}' if percent >= 0.995 or not percent else f'{percent:.2g}'
     return Number(text, percent)
@@ -198,15 +186,8 @@ _MAX_LISTED = 4
 class Row:
     """One row of a report: the drops of one symmetry class, or of one outcome in no aspect.
 
-    name : str
-        'aspect 3', 'aspects 1 and 2', 'unclassified'.
-    colour : str
-        '#RRGGBB'.
-    aspects : tuple of Aspect
-        The aspects of one symmetry class, which look the same; empty if the drops are in no
-        aspect.
-    model : Interval or None
-        The model range, if it is known.
+    The name is such as 'aspects 1 and 2' or 'unclassified'. The aspects are those of the class,
+    which look the same; none if the drops are in no aspect. ``model`` is the model range.
     """
 
     name: str
@@ -224,33 +205,27 @@ class Row:
 
 def class_rows(distribution: Distribution) -> list[Row]:
     """Return a row for each symmetry class, in the order of the class numbers."""
-    classes = distribution.by_class()
-    members = distribution.aspects.classes()
-    return [
-        Row(aspects_text(alike), count, interval, aspect_colour(alike[0]), alike, model)
-        for alike, count, interval, model in zip(
-            members,
-            classes.counts.tolist(),
-            classes.intervals(),
-            classes.model_intervals(),
-            strict=True,
-        )
-    ]
+    return _rows(distribution.aspects.classes(), distribution.by_class())
 
 
-def aspect_rows(distribution: Distribution) -> list[Row]:
-    """Return a row for each aspect, even if several aspects look the same."""
-    rows = zip(
-        distribution.aspects,
+def _rows(groups: Sequence[tuple[Aspect, ...]], distribution: Distribution) -> list[Row]:
+    """Return a row for each group of aspects, whose counts the distribution has."""
+    zipped = zip(
+        groups,
         distribution.counts.tolist(),
         distribution.intervals(),
         distribution.model_intervals(),
         strict=True,
     )
     return [
-        Row(f'aspect {aspect.id}', count, interval, aspect_colour(aspect), (aspect,), model)
-        for aspect, count, interval, model in rows
+        Row(aspects_text(group), count, interval, aspect_colour(group[0]), group, model)
+        for group, count, interval, model in zipped
     ]
+
+
+def aspect_rows(distribution: Distribution) -> list[Row]:
+    """Return a row for each aspect, even if several aspects look the same."""
+    return _rows([(aspect,) for aspect in distribution.aspects], distribution)
 
 
 def outside_rows(distribution: Distribution) -> list[Row]:
@@ -259,6 +234,11 @@ def outside_rows(distribution: Distribution) -> list[Row]:
         Row(name, count, interval_of(distribution, count), GREY)
         for name, count in outside_aspects(distribution)
     ]
+
+
+def largest_counts(counts: Sequence[int], number: int) -> list[int]:
+    """Return the indices of the ``number`` largest counts, ascending."""
+    return sorted(sorted(range(len(counts)), key=lambda k: -counts[k])[:number])
 
 
 def ids_text(aspects: tuple[Aspect, ...]) -> str:

@@ -1,21 +1,28 @@
-"""Outlines as a document, a table, drawings at true size, and images for vision systems."""
+"""Outlines as a document, a table, drawings at true size, and images, also on that of a tray."""
 
 import io
+import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 import numpy as np
-from shapely import Polygon
-from shapely.affinity import affine_transform
+import shapely
+from scipy.ndimage import gaussian_filter
+from shapely import Polygon, affinity
 
 from resting_aspects_ros.arrays import Array, Bytes
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers
+from resting_aspects_ros.report.figure import FAINT, PAPER, TEXT, new_figure
 from resting_aspects_ros.report.format import (
+    COLOURS,
+    GREY,
     ids_text,
     list_text,
     millimetre_texts,
@@ -31,6 +38,10 @@ from resting_aspects_ros.vision.outline import (
     rings,
     same_groups,
 )
+from resting_aspects_ros.vision.tray_image import TrayCamera
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 LookAlikes = Mapping[int, Sequence[LookAlike]]
 
@@ -40,19 +51,8 @@ def outlines_document(
 ) -> dict[str, object]:
     """Return the outlines of a part as a document of plain JSON types. Nothing is rounded.
 
-    Parameters
-    ----------
-    part : Part
-    outlines : sequence of Outline
-    look_alikes : mapping of int to sequence of LookAlike
-        By symmetry class, from `core.vision.matching.look_alikes`.
-
-    Returns
-    -------
-    dict
-        ``schema_version``, name and hashes of the part, and ``outlines`` by symmetry class:
-        lengths in m, areas in m2, angles in rad, coordinates in the axes of the tray with the
-        origin below the centre of mass.
+    By symmetry class: lengths in m, areas in m2, angles in rad, coordinates in the axes of the
+    tray with the origin below the centre of mass. docs/reference/files.md describes the keys.
     """
     return {
         'schema_version': SCHEMA_VERSION,
@@ -104,7 +104,6 @@ def polygon_fields(polygon: Polygon) -> dict[str, object]:
 HARD = 0.02
 # Heights that differ by more than this share of the larger one distinguish classes.
 HEIGHT_DIFFERENCE = 0.05
-MAX_GROUPS = 12
 # Maximum number of classes in the list of those that look like a class.
 MAX_LISTED = 3
 _VERDICTS = ('same', 'mirrored', 'distinct')
@@ -127,7 +126,7 @@ def outline_table(
         'yaw\nsymmetry',
         'looks like',
     )
-    table = Table(title, headings, texts={'looks like': 22})
+    table = Table(title, headings, texts={'looks like'}, wrapped='looks like')
     sizes = [[each.length, each.width, each.height] for each in outlines]
     texts = iter(millimetre_texts(np.ravel(sizes)))
     for each in outlines:
@@ -137,7 +136,7 @@ def outline_table(
             ' x '.join(next(texts) for _ in range(3)),
             number_text(1e6 * each.area),
             yaw_symmetry_text(each.yaw_symmetry),
-            _list_text(each, look_alikes[each.symmetry_class]) or NOTHING,
+            look_alike_text(each, look_alikes[each.symmetry_class]) or NOTHING,
         )
     return table
 
@@ -154,7 +153,7 @@ def pair_table(outlines: Sequence[Outline], look_alikes: LookAlikes, title: str)
         if each.symmetry_class < other.symmetry_class
     ]
     headings = ('classes', 'outlines', 'resolution that separates them')
-    table = Table(title, headings, texts={'outlines': None})
+    table = Table(title, headings, texts={'outlines'})
     for number, other in sorted(pairs, key=lambda pair: _order(pair[1])):
         distance = f'{millimetres_text(other.resolution)} mm'
         separates = distance if other.verdict == 'distinct' else NOTHING
@@ -191,9 +190,6 @@ def confused_class_texts(outlines: Sequence[Outline], look_alikes: LookAlikes) -
             inside = list(combinations(_alike(pair, pairs), 2))
             covered.update(inside)
             texts.append(_group_text(inside, pairs, groups))
-    if len(texts) > MAX_GROUPS:
-        more = len(texts) - MAX_GROUPS
-        texts[MAX_GROUPS:] = [f'{more} more groups look alike; --json lists all pairs.']
     return texts
 
 
@@ -216,15 +212,14 @@ def family_texts(outlines: Sequence[Outline]) -> list[str]:
     ]
 
 
-def short_look_alike_text(outline: Outline, others: Sequence[LookAlike]) -> str:
+def look_alike_text(outline: Outline, others: Sequence[LookAlike]) -> str:
     """Return the classes with which a camera confuses a class, with the reasons; can be empty."""
-    text = _list_text(outline, others)
-    return f'class {text}' if text else ''
-
-
-def _list_text(outline: Outline, others: Sequence[LookAlike]) -> str:
     near = _near(outline, others)
-    texts = [f'{each.symmetry_class} ({_reason(each)})' for each in near[:MAX_LISTED]]
+    texts = [
+        f'{each.symmetry_class} ({each.verdict}'
+        + (f' by {millimetres_text(each.resolution)} mm)' if each.verdict == 'distinct' else ')')
+        for each in near[:MAX_LISTED]
+    ]
     if len(near) > MAX_LISTED:
         texts.append(f'{len(near) - MAX_LISTED} more')
     return ', '.join(texts)
@@ -241,25 +236,13 @@ def _order(entry: LookAlike) -> tuple[int, float]:
     return _VERDICTS.index(entry.verdict), entry.resolution
 
 
-def _reason(entry: LookAlike) -> str:
-    return (
-        f'distinct by {millimetres_text(entry.resolution)} mm'
-        if entry.verdict == 'distinct'
-        else entry.verdict
-    )
-
-
 def _same_text(outlines: Sequence[Outline]) -> str:
-    """Return what distinguishes classes with the same outline."""
     classes = numbers_text([each.symmetry_class for each in outlines])
     heights = sorted(each.height for each in outlines)
     clear = [high - low > HEIGHT_DIFFERENCE * high for low, high in pairwise(heights)]
     values = f'{list_text([millimetres_text(each.height) for each in outlines])} mm'
-    if all(clear):
-        needed = f'a measured height does: {values}'
-    elif any(clear):
-        needed = f'a measured height does for some ({values}), grey values for the others'
-    else:
+    needed = f'a measured height does: {values}'
+    if not all(clear):
         needed = 'grey values of the upper side are needed'
     return f'Classes {classes} have the same outline. No resolution distinguishes them; {needed}.'
 
@@ -367,7 +350,6 @@ class OutlineImage:
     Image coordinates are in pixels, x to the right and y down, and (0, 0) is the outer corner of
     the upper left pixel, whose centre is at (0.5, 0.5).
 
-    symmetry_class : int
     scale : float
         px/m.
     origin : (2,) float
@@ -417,7 +399,7 @@ def outline_image(outline: Outline, px_per_mm: float = PIXELS_PER_MM) -> Outline
     # The origin is a corner of a pixel, so that the images of all classes have the same raster.
     origin = np.array([np.ceil(-left), np.ceil(high)]) + MARGIN
     width, height = np.ceil([right, -low]) + origin + MARGIN
-    polygon = affine_transform(outline.polygon, [scale, 0, 0, -scale, *origin])
+    polygon = affinity.affine_transform(outline.polygon, [scale, 0, 0, -scale, *origin])
     covered = covered_share(polygon, int(width), int(height))
     return OutlineImage(outline.symmetry_class, scale, origin, polygon, covered)
 
@@ -455,7 +437,7 @@ def described_image(image: OutlineImage) -> Described:
     COCO polygons cannot have holes: a class without holes has a polygon, and a class with holes an
     uncompressed run-length encoding of its mask.
     """
-    number = image.symmetry_class
+    number, polygon = image.symmetry_class, image.polygon
     height, width = image.covered.shape
     entry = {
         'id': number,
@@ -466,7 +448,29 @@ def described_image(image: OutlineImage) -> Described:
         'px_per_mm': image.scale / MM,
         'origin': image.origin.tolist(),
     }
-    return entry, _annotation(image)
+    left, top, right, bottom = polygon.bounds
+    outer, *holes = rings(polygon)
+    annotation = {
+        'id': number,
+        'image_id': number,
+        'category_id': number,
+        'iscrowd': 0,
+        'segmentation': _runs(image.mask) if holes else [outer.ravel().tolist()],
+        'area': float(np.count_nonzero(image.mask)) if holes else polygon.area,
+        'bbox': [left, top, right - left, bottom - top],
+    }
+    return entry, annotation
+
+
+def _runs(mask: Bytes) -> dict[str, object]:
+    """Return the run-length encoding of a mask.
+
+    These are the lengths of alternating runs, column by column, beginning with zeros.
+    """
+    flat = np.concatenate([[0], (mask > 0).T.ravel().astype(np.int8)])
+    starts = np.flatnonzero(np.diff(flat))
+    counts = np.diff(np.concatenate([[0], starts, [mask.size]]))
+    return {'size': list(mask.shape), 'counts': counts.tolist()}
 
 
 def template_name(symmetry_class: int) -> str:
@@ -479,28 +483,107 @@ def mask_name(symmetry_class: int) -> str:
     return f'class_{symmetry_class}_mask.png'
 
 
-def _annotation(image: OutlineImage) -> dict[str, object]:
-    left, top, right, bottom = image.polygon.bounds
-    area, segmentation = image.polygon.area, _segmentation(image)
-    if image.polygon.interiors:
-        area = float(np.count_nonzero(image.mask))
-    return {
-        'id': image.symmetry_class,
-        'image_id': image.symmetry_class,
-        'category_id': image.symmetry_class,
-        'iscrowd': 0,
-        'segmentation': segmentation,
-        'area': area,
-        'bbox': [left, top, right - left, bottom - top],
-    }
+# -- Picture of a tray ----------------------------------------------------------------------------
 
 
-def _segmentation(image: OutlineImage) -> object:
-    if not image.polygon.interiors:
-        (ring,) = rings(image.polygon)
-        return [ring.ravel().tolist()]
-    # Lengths of alternating runs, column by column, beginning with a run of zeros.
-    flat = np.concatenate([[0], (image.mask > 0).T.ravel().astype(np.int8)])
-    starts = np.flatnonzero(np.diff(flat))
-    counts = np.diff(np.concatenate([[0], starts, [image.mask.size]]))
-    return {'size': list(image.mask.shape), 'counts': counts.tolist()}
+# Inches.
+_WIDTH, _HEAD, _FOOT, _SIDE = 6.2, 0.78, 0.42, 0.12
+DOTS_PER_INCH = 130
+_CHARACTERS = 84
+
+
+@dataclass(frozen=True)
+class DrawnPart:
+    """What a vision system has seen.
+
+    symmetry_class : int
+        0: not recognised, or parts that touch.
+    x, y, yaw : float
+        Camera pose, m and rad.
+    rank : int
+        Place among the parts to be picked, from 1; 0: it is not picked.
+    """
+
+    symmetry_class: int
+    x: float
+    y: float
+    yaw: float
+    rank: int = 0
+
+
+def save_tray_picture(
+    path: Path,
+    image: Bytes,
+    camera: TrayCamera,
+    parts: Sequence[DrawnPart],
+    outlines: Sequence[Outline],
+    title: str,
+    reason: str,
+    pickable: Sequence[int],
+) -> None:
+    """Write a PNG file with the image of a tray (height, width), outlines of parts, and advice.
+
+    ``outlines`` are those of all classes, and ``pickable`` the numbers of the pickable ones.
+    ``title`` and ``reason`` are the advice in a few words, and its reason.
+    """
+    width, height = camera.size
+    size = _WIDTH - 2 * _SIDE
+    drawn = size * height / width
+    total = _HEAD + drawn + _FOOT
+    figure = new_figure(_WIDTH, total)
+    axes = figure.add_axes((_SIDE / _WIDTH, _FOOT / total, size / _WIDTH, drawn / total))
+    # Half of the contrast, so that outlines and numbers stand out.
+    # Without the noise, the file is a fifth as large.
+    smooth = 8 * np.rint(gaussian_filter(image.astype(np.float32), 1.5) / 8)
+    axes.imshow(smooth, cmap='gray', vmin=-180, vmax=235, interpolation='nearest')
+    axes.set_axis_off()
+    for part in parts:
+        _draw_part(axes, part, camera, outlines)
+    left = _SIDE / _WIDTH
+    figure.text(left, 1 - 0.3 / total, title, size=11, weight='bold', color=TEXT)
+    text = '\n'.join(textwrap.wrap(reason, _CHARACTERS)[:2])
+    figure.text(left, 1 - 0.44 / total, text, size=8, color=FAINT, va='top')
+    seen = sorted({part.symmetry_class for part in parts})
+    x = left
+    for number in seen:
+        name = 'not recognised, or touching'
+        if number:
+            name = f'class {number}' + (', pickable' if number in pickable else '')
+        figure.text(x, 0.15 / total, '■', size=10, color=_colour(number))
+        figure.text(x + 0.15 / _WIDTH, 0.16 / total, name, size=8, color=TEXT)
+        x += (0.33 + 0.066 * len(name)) / _WIDTH
+    figure.savefig(path, format='png', dpi=DOTS_PER_INCH, facecolor=PAPER)
+
+
+def _draw_part(
+    axes: 'Axes', part: DrawnPart, camera: TrayCamera, outlines: Sequence[Outline]
+) -> None:
+    """Draw the outline of a part with its class, or its place among the picks."""
+    colour = _colour(part.symmetry_class)
+    (point,) = camera.model.to_image([[part.x, part.y]])
+    if part.symmetry_class:
+        outline = outlines[part.symmetry_class - 1].polygon
+        turned = affinity.rotate(outline, part.yaw, origin=(0, 0), use_radians=True)
+        polygon = camera.to_image(affinity.translate(turned, part.x, part.y))
+        for ring in (polygon.exterior, *polygon.interiors):
+            u, v = shapely.get_coordinates(ring).T
+            axes.plot(u, v, color=colour, linewidth=2.6 if part.rank else 1.4)
+        (point,) = shapely.get_coordinates(polygon.representative_point())
+    box = {'boxstyle': 'circle,pad=0.25', 'facecolor': colour, 'edgecolor': PAPER}
+    text = f'{part.rank}' if part.rank else '' if part.symmetry_class else '?'
+    if text:
+        axes.text(
+            float(point[0]),
+            float(point[1]),
+            text,
+            bbox=box if part.rank else None,
+            ha='center',
+            va='center',
+            color=PAPER,
+            size=9,
+            weight='bold',
+        )
+
+
+def _colour(symmetry_class: int) -> str:
+    return COLOURS[(symmetry_class - 1) % len(COLOURS)] if symmetry_class else GREY

@@ -64,12 +64,9 @@ class Chart:
         Unique in the page; the name of its files.
     label : str
         Alternative text for screen readers.
-    draw : callable
-        Returns the figure for the page.
-    saved : callable, optional
-        Returns the figure for its files, such as one with a title. Without it there are no files.
-    narrow : callable, optional
-        Returns the figure for a narrow screen. Without it, the figure scrolls there.
+    draw, saved, narrow : callable
+        Return the figure for the page, for its files, such as one with a title, and for a narrow
+        screen. Without ``saved`` there are no files, and without ``narrow`` it scrolls there.
     """
 
     name: str
@@ -124,14 +121,9 @@ class Findings:
 
 @dataclass(frozen=True)
 class View:
-    """The 3D view of a part in the aspect of the selected row.
+    """The 3D view of a part in the aspect of the selected row; ``scene`` is drop_page.scene.
 
-    scene : mapping
-        See drop_page.scene.
-    picture : str
-        Shown until the view is drawn.
-    name, share : str
-        Of the first row.
+    ``picture`` is shown until the view is drawn; name and share are those of the first row.
     """
 
     scene: Mapping[str, object]
@@ -145,19 +137,14 @@ class View:
 class OutcomeRow:
     """A row of the page of a distribution. A text that does not apply is empty.
 
-    oblique, above, small : str
-        Pictures as data URIs.
     bar : (float, float, float)
         Length of the bar, and start and length of its whisker, as percentages of the width.
     model : (float, float) or None
-        Start and length of a second range, which is drawn thinner: that of the model, if it is
-        known.
-    model_text : str
-        The model range.
+        Start and length of the model range, which is drawn thinner.
     facts : tuple of (str, str, str)
         Properties of the aspect that follow from the shape: label, value, explanation.
-    members : Table or None
-        The individual aspects of the row, if there are several.
+    oblique, above, small : str
+        Pictures as data URIs.
     """
 
     name: str
@@ -170,7 +157,6 @@ class OutcomeRow:
     bar: tuple[float, float, float]
     model_text: str = ''
     facts: tuple[tuple[str, str, str], ...] = ()
-    members: Table | None = None
     oblique: str = ''
     above: str = ''
     small: str = ''
@@ -209,13 +195,9 @@ class Section:
 class Page:
     """A page, with all that is needed to write it.
 
-    file : str
-        Its name.
-    title : str
-        What the page is about, such as the name of a part.
-    topic, lead, subtitle : str
-        The kind of the page in a word or two and in a sentence, and its conditions.
-    sections : sequence of Section
+    title, topic, lead, subtitle : str
+        What the page is about, such as the name of a part; its kind in a word or two and in a
+        sentence; its conditions.
     reading : mapping
         Explanations by term.
     facts : mapping
@@ -226,8 +208,6 @@ class Page:
         Shown before the sections, side by side.
     saved : sequence of Chart
         Figures that are files and not on the page.
-    contents : bool
-        Whether links to the sections are shown.
     names : sequence of str
         Names of all files that such a page can have.
     """
@@ -243,26 +223,20 @@ class Page:
     notes: Sequence[str] = ()
     top: Sequence[Item] = ()
     saved: Sequence[Chart] = ()
-    contents: bool = False
     names: Sequence[str] = ()
 
     def files(self) -> Iterator[tuple[str, bytes]]:
         """Yield the name and the content of each file: the figures, then the page."""
         notes = list(self.notes)
-        for chart in self.saved:
+        drawn: dict[str, dict[str, Any]] = {}
+        items = [*self.top, *(item for section in self.sections for item in section.items)]
+        for chart in (*self.saved, *_charts(items)):
             files: list[tuple[str, bytes]] = []
             with analysis(f'the figure {chart.label!r}', notes):
-                files = list(chart.files())
+                svg, shown = ('', {}) if chart in self.saved else _inline(chart)
+                files = list(chart.files(svg if chart.saved is chart.draw else ''))
+                drawn[chart.name] = shown
             yield from files
-        drawn: dict[str, dict[str, Any]] = {}
-        for items in (self.top, *(section.items for section in self.sections)):
-            for chart in _charts(items):
-                files = []
-                with analysis(f'the figure {chart.label!r}', notes):
-                    svg, content = _inline(chart)
-                    files = list(chart.files(svg if chart.saved is chart.draw else ''))
-                    drawn[chart.name] = content
-                yield from files
         yield self.file, self._html(notes, drawn).encode()
 
     def html(self) -> str:
@@ -325,7 +299,6 @@ def _charts(items: Sequence[Item]) -> Iterator[Chart]:
 
 
 def _inline(chart: Chart) -> tuple[str, dict[str, Any]]:
-    """Return the SVG text of a figure, and what the template needs to show it."""
     figure = chart.draw()
     svg = svg_text(figure)
     prefix = chart.name.replace('_', '-')

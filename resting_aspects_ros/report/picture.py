@@ -1,7 +1,6 @@
-"""Pictures of a part: its poses on the tray, a renderer, and coarse meshes."""
+"""Pictures of a part: a renderer, coarse meshes, poses on the tray, and contacts with planes."""
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -9,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_dilation, uniform_filter
-from scipy.spatial import KDTree
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
+from resting_aspects_ros.aspects.support import NONE, ContactPlane
 from resting_aspects_ros.part.near import face_normals
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import down_in_part, rotate, turned_about_vertical
@@ -49,7 +47,7 @@ class Rendering:
 
 
 def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
-    """Find the nearest triangle in each pixel of a square picture.
+    """Find the nearest triangle in each pixel of a square picture with ``size`` rows.
 
     Parameters
     ----------
@@ -58,8 +56,6 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
         column) is at (column + 0.5, row + 0.5).
     faces : (m, 3) int
         Counter-clockwise as seen from outside; triangles that face away are invisible.
-    size : int
-        Rows and columns of the picture.
     """
     corners = points[faces]
     normal = face_normals(corners)
@@ -86,11 +82,7 @@ def rasterise(points: Array, faces: Indices, size: int) -> Rendering:
 def edges(seen: Rendering, normals: Array) -> Mask:
     """Return the (size, size) mask of pixels on edges: outlines, steps in depth, and creases.
 
-    Parameters
-    ----------
-    seen : Rendering
-    normals : (m, 3) float
-        Unit normals of the triangles, any frame.
+    ``normals`` are the unit normals (m, 3) of the triangles, any frame.
     """
     size = len(seen.face)
     marked = np.zeros(size * size, dtype=bool)
@@ -148,74 +140,34 @@ def _spread(low: Array, high: Array, size: int) -> tuple[Indices, Indices]:
 MIN_CELLS = 3
 
 
-def coarse_faces(vertices: Array, faces: Indices, max_faces: int, kept: Indices) -> Indices:
-    """Return faces of a coarser mesh, or the same faces if there are at most ``max_faces``.
+def coarse_mesh(vertices: Array, faces: Indices, max_faces: int) -> tuple[Array, Indices]:
+    """Return vertices and faces of a coarser mesh; the same ones if there are few enough faces.
 
-    Vertices in one cell of a cubic grid are merged into the one nearest to their mean, so that no
-    new points are made (clustering: Rossignac, Borrel 1993). The cells are enlarged until there
-    are few enough faces, or until the grid has MIN_CELLS along the longest side.
-
-    Parameters
-    ----------
-    vertices : (n, 3) float
-    faces : (m, 3) int
-    max_faces : int
-        Maximum number of triangles.
-    kept : (k,) int
-        Vertices that are not merged into others.
-
-    Returns
-    -------
-    (m', 3) int
-        Indices of ``vertices``.
+    Vertices in one cell of a cubic grid are merged into their mean (clustering: Rossignac, Borrel
+    1993). The cells are enlarged until there are at most ``max_faces``, or until the grid has
+    MIN_CELLS along the longest side. Shapes: (n, 3) and (m, 3).
     """
+    low, size = vertices.min(axis=0), np.ptp(vertices, axis=0).max()
     cells = max(round(max_faces**0.5), MIN_CELLS)
-    while len(faces) > max_faces:
-        merged = _merge_vertices(vertices, faces, cells, kept)
-        if len(merged) <= max_faces or cells == MIN_CELLS:
-            return merged
-        cells = max(cells * 4 // 5, MIN_CELLS)
-    return faces
-
-
-def _merge_vertices(vertices: Array, faces: Indices, cells: int, kept: Indices) -> Indices:
-    """Return the faces that remain after the vertices in each cell were merged."""
-    representative = _representatives(vertices, _cells(vertices, cells, kept), kept)
-    merged = representative[faces]
-    a, b, c = merged.T
-    whole = (a != b) & (b != c) & (c != a)
-    # Duplicate faces, such as of thin walls that collapsed, are kept once.
-    _, first = np.unique(np.sort(merged[whole], axis=1), axis=0, return_index=True)
-    whole = np.flatnonzero(whole)[np.sort(first)]
-    merged = merged[whole]
-    # A face that was turned over by the merge is flipped back, so that its shading is right.
-    flipped = (face_normals(vertices[merged]) * face_normals(vertices[faces[whole]])).sum(
-        axis=1
-    ) < 0
-    merged[flipped] = merged[flipped, ::-1]
-    return merged
-
-
-def _cells(vertices: Array, cells: int, kept: Indices) -> Indices:
-    """Return (n,) cell numbers of the vertices; a cell with kept vertices is split among them."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    place = np.floor((vertices - low) * (cells / (high - low).max())).astype(np.int64)
-    cell = place @ np.array([1, cells + 1, (cells + 1) ** 2])
-    if len(kept):
-        divided = np.isin(cell, cell[kept])
-        cell[divided] = -1 - KDTree(vertices[kept]).query(vertices[divided])[1]
-    return np.asarray(cell)
-
-
-def _representatives(vertices: Array, cell: Indices, kept: Indices) -> Indices:
-    """Return (n,) the vertex into which each is merged: a kept one, or the nearest to the mean."""
-    _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
-    sums = [np.bincount(number, weights=along) for along in vertices.T]
-    mean = np.stack(sums, axis=1) / count[:, None]
-    distance = np.linalg.norm(vertices - mean[number], axis=1)
-    distance[kept] = -1.0
-    order = np.lexsort([distance, number])
-    return np.asarray(order[np.cumsum(count) - count][number])
+    points, corners = vertices, faces
+    while len(corners) > max_faces and cells >= MIN_CELLS:
+        place = np.floor((vertices - low) * (cells / size)).astype(np.int64)
+        cell = place @ np.array([1, cells + 1, (cells + 1) ** 2])
+        _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
+        sums = [np.bincount(number, weights=along) for along in vertices.T]
+        points, merged = np.stack(sums, axis=1) / count[:, None], number[faces]
+        a, b, c = merged.T
+        whole = (a != b) & (b != c) & (c != a)
+        corners = merged[whole]
+        # A face that was turned over by the merge is flipped back, so that it is visible.
+        turned = face_normals(points[corners]) * face_normals(vertices[faces[whole]])
+        flipped = turned.sum(axis=1) < 0
+        corners[flipped] = corners[flipped, ::-1]
+        # Duplicate faces, such as of thin walls that collapsed, are kept once.
+        _, first = np.unique(np.sort(corners), axis=0, return_index=True)
+        corners = corners[np.sort(first)]
+        cells = cells * 4 // 5
+    return points, corners
 
 
 Image = npt.NDArray[np.float32]
@@ -258,15 +210,8 @@ SOFT = 7  # half width of the blur of the shadow, rendered pixels
 class PosedPart:
     """A part on the surface z = 0, in the pose that shows an aspect; tray frame.
 
-    points : (n, 3) float
-        m.
-    faces : (m, 3) int
-    normals : (m, 3) float
-        Unit vectors.
-    areas : (m,) float
-        m2.
-    orientation : (4,) float
-        Unit quaternion xyzw, tray from part.
+    Points (n, 3), m; unit normals (m, 3) and areas (m,), m2, of the faces (m, 3); orientation: a
+    unit quaternion xyzw, tray from part.
     """
 
     points: Array
@@ -294,20 +239,9 @@ def draw_parts(
 ) -> list[Image]:
     """Draw parts on the surface, all from the same viewpoint and at the same scale.
 
-    Parameters
-    ----------
-    posed_parts : sequence of PosedPart
-    colours : sequence of (r, g, b)
-        The colour of each part, from 0 to 1.
-    pixels : int
-        Rows and columns of each picture.
-    view : (3, 3) float
-        OBLIQUE or FROM_ABOVE.
-
-    Returns
-    -------
-    list of (pixels, pixels, 4) float32
-        Red, green, blue and opacity, 0 to 1; row 0 is the top row. The background is transparent.
+    ``colours`` are red, green and blue from 0 to 1, and ``view`` is OBLIQUE or FROM_ABOVE. The
+    pictures are (pixels, pixels, 4): red, green, blue and opacity, 0 to 1; row 0 is the top row.
+    The background is transparent.
     """
     spans = [
         np.ptp(np.concatenate([p.points, _on_surface(p.points)]) @ view[:2].T, axis=0).max()
@@ -323,7 +257,6 @@ def draw_parts(
 
 
 def _untransformed(part: Part) -> PosedPart:
-    """Return the part in the pose of its mesh."""
     points, faces = np.array(part.vertices), visible_faces(part)
     normals = face_normals(points[faces])
     twice = np.linalg.norm(normals, axis=1)
@@ -353,7 +286,6 @@ def _posed(solid: PosedPart, aspect: Aspect) -> PosedPart:
 
 
 def _on_tray(solid: PosedPart, orientation: Array) -> PosedPart:
-    """Return the part with this orientation, in contact with the surface."""
     points = rotate(orientation, solid.points)
     points[:, 2] -= points[:, 2].min()
     normals = rotate(orientation, solid.normals)
@@ -374,6 +306,8 @@ def _on_surface(points: Array) -> Array:
 
 
 def _draw_part(solid: PosedPart, colour: Array, scale: float, pixels: int, view: Array) -> Image:
+    from scipy.ndimage import binary_dilation, uniform_filter
+
     size = pixels * FINE
     shadow_points = _on_surface(solid.points)
     both = np.concatenate([solid.points, shadow_points]) @ view[:2].T * scale
@@ -419,7 +353,7 @@ def downsample(image: npt.NDArray[np.floating[Any]], factor: int) -> Image:
 # Distance between neighbouring centres of mass, hull radii R: no point of a part is further than
 # R from its centre of mass.
 PITCH = 2.5
-# Aspects in a row of the grid. More than ROW * ROW aspects are arranged in a square.
+# Aspects in a row of the grid.
 ROW = 6
 # Maximum number of triangles of all aspects together: a message of 1.4 MB, sent in 20 ms.
 MAX_TRIANGLES = 20_000
@@ -428,24 +362,14 @@ MIN_TRIANGLES = 100
 # Maximum number of triangles in pictures and in the 3D view of a page: with more, triangles are
 # smaller than pixels.
 MAX_PICTURE_TRIANGLES = 50_000
-# Vertices this close to the surface touch it, R.
-_TOUCHING = 1e-6
-# A coarse mesh keeps the outermost touching vertices in these directions.
-_AZIMUTHS = np.arange(8) * (np.pi / 4)
 
 
 @dataclass(frozen=True, eq=False)
 class AspectPose:
-    """A pose of the part on the surface z = 0 that shows an aspect; tray frame.
+    """A pose of the part on the surface z = 0 that shows an aspect; tray frame, m.
 
-    position : (3,) float
-        Position of the part frame, m.
-    orientation : (4,) float
-        Orientation of the aspect: unit quaternion xyzw, tray from part.
-    centre_of_mass : (3,) float
-        m.
-    top : float
-        Height of the highest point, m.
+    Position of the part frame; orientation of the aspect, a unit quaternion xyzw, tray from part;
+    and the height of the highest point.
     """
 
     aspect_id: int
@@ -464,37 +388,26 @@ def aspect_poses(part: Part, aspects: Sequence[Aspect]) -> list[AspectPose]:
     return [_pose_at(part, a, place) for a, place in zip(aspects, places, strict=True)]
 
 
-def message_faces(part: Part, aspects: Sequence[Aspect]) -> Indices:
-    """Return (m, 3) faces of the part, coarse if a message of all aspects would be too large."""
-    max_faces = max(MAX_TRIANGLES // max(len(aspects), 1), MIN_TRIANGLES)
-    return _simplified_faces(part, aspects, max_faces)
+def message_part(part: Part, count: int) -> Part:
+    """Return the part, with a coarse mesh if a message of ``count`` aspects would be too large."""
+    return _coarse_part(part, max(MAX_TRIANGLES // max(count, 1), MIN_TRIANGLES))
 
 
-def picture_part(part: Part, aspects: Sequence[Aspect]) -> Part:
+def picture_part(part: Part) -> Part:
     """Return the part for pictures: with a coarse mesh if it has too many triangles."""
-    faces = _simplified_faces(part, aspects, MAX_PICTURE_TRIANGLES)
-    if faces is part.faces:
-        return part
-    used, number = np.unique(faces, return_inverse=True)
-    return dataclasses.replace(
-        part, vertices=part.vertices[used], faces=number.reshape(faces.shape)
-    )
+    return _coarse_part(part, MAX_PICTURE_TRIANGLES)
 
 
-def _simplified_faces(part: Part, aspects: Sequence[Aspect], max_faces: int) -> Indices:
-    """Return at most ``max_faces`` faces between vertices of the part.
-
-    They keep vertices on which the part rests, so that it touches the surface in every aspect.
-    """
+def _coarse_part(part: Part, max_faces: int) -> Part:
     if len(part.faces) <= max_faces:
-        return part.faces
-    kept = [_touching(part, aspect) for aspect in aspects]
-    return coarse_faces(part.vertices, part.faces, max_faces, np.unique(np.concatenate(kept)))
+        return part
+    vertices, faces = coarse_mesh(part.vertices, part.faces, max_faces)
+    return dataclasses.replace(part, vertices=vertices, faces=faces)
 
 
 def _places(count: int) -> Array:
     """Return (count, 2) x and y on a grid of unit steps around the origin."""
-    columns = min(max(ROW, math.ceil(math.sqrt(count))), max(count, 1))
+    columns = min(ROW, max(count, 1))
     number = np.arange(count)
     x, y = number % columns, -(number // columns)
     rows = -(-count // columns)
@@ -502,7 +415,7 @@ def _places(count: int) -> Array:
 
 
 def _pose_at(part: Part, aspect: Aspect, place: Array) -> AspectPose:
-    heights = _heights(part, aspect)
+    heights = np.asarray(part.vertices @ -down_in_part(aspect.orientation))
     centre = rotate(aspect.orientation, part.centre_of_mass)
     position = np.append(place - centre[:2], -heights.min())
     return AspectPose(
@@ -510,23 +423,169 @@ def _pose_at(part: Part, aspect: Aspect, place: Array) -> AspectPose:
     )
 
 
-def _heights(part: Part, aspect: Aspect) -> Array:
-    """Return the (n,) heights of the vertices above the origin of the part frame, m."""
-    return np.asarray(part.vertices @ -down_in_part(aspect.orientation))
+# -- Contacts with planes -------------------------------------------------------------------------
 
 
-def _touching(part: Part, aspect: Aspect) -> Indices:
-    """Return the outermost vertices that touch the surface, and the lowest vertex."""
-    heights = _heights(part, aspect)
-    lowest = int(heights.argmin())
-    near = np.flatnonzero(heights - heights[lowest] <= _TOUCHING * part.hull_radius)
-    x, y, _ = rotate(aspect.orientation, part.vertices[near]).T
-    along = np.outer(np.cos(_AZIMUTHS), x) + np.outer(np.sin(_AZIMUTHS), y)
-    return np.append(near[along.argmax(axis=1)], lowest)
+# Colours of the planes and of the contacts on them, in the order of the planes; others are grey.
+PLANE_COLOURS = np.array([[0.90, 0.90, 0.92], [0.93, 0.89, 0.82], [0.86, 0.92, 0.87]])
+CONTACT_COLOURS = np.array([[0.10, 0.42, 0.75], [0.88, 0.42, 0.05], [0.13, 0.55, 0.25]])
+# Half of the side of a plane, of which the picture shows what is near the part, and the radius of
+# the disc by which a contact is enlarged, R.
+PATCH, RIM = 1.6, 0.09
+# Distance of a contact from its plane in the picture, R, so that the plane does not hide it.
+ABOVE = 0.004
+# Points of the hull that are at most this much further from a plane, R, touch it too.
+TOUCHING = 0.012
+AZIMUTHS = np.radians([-62, 62, 118, -118, -28, 28, -15, 15, 165, -165, 75, -75])
+
+Mesh = tuple[Array, Indices, Array]  # points, faces, colours of the faces
 
 
-def triangle_counts(part: Part | None, shown: Part | None) -> tuple[int, int] | None:
-    """Return the numbers of triangles of the part and of the simplified part, if they differ."""
-    if part is None or shown is None or len(part.faces) == len(shown.faces):
-        return None
-    return len(part.faces), len(shown.faces)
+def contact_image(
+    part: Part,
+    orientation: Array,
+    contacts: Sequence[int],
+    planes: Sequence[ContactPlane],
+    colour: Array,
+    pixels: int,
+) -> Image:
+    """Return a picture (pixels, pixels, 4) of a part that touches planes.
+
+    ``orientation`` is a unit quaternion xyzw, tray from part. ``contacts`` are what touches each
+    plane, see aspects/support.py; planes without contact are not drawn.
+    """
+    touched = [k for k, code in enumerate(contacts) if code != NONE]
+    radius = part.hull_radius
+    corners = rotate(orientation, part.hull_vertices)
+    place = _place(corners, [planes[k] for k in touched])
+    corners = corners + place
+    meshes: list[Mesh] = [_part_mesh(part, orientation, place, colour)]
+    patches: list[Mesh] = []
+    centre = corners.mean(axis=0)
+    for k in touched:
+        number = min(k, len(PLANE_COLOURS) - 1)
+        others = [planes[j] for j in touched if j != k]
+        patch = plane_patch(planes[k], others, centre, PATCH * radius)
+        patches.append(_two_sided(*patch, PLANE_COLOURS[number]))
+        meshes.append(_contact(planes[k], corners, radius, CONTACT_COLOURS[number]))
+    return _drawn_meshes(
+        meshes, patches, _facing_view([planes[k].normal for k in touched]), pixels
+    )
+
+
+def _place(corners: Array, planes: Sequence[ContactPlane]) -> Array:
+    """Return the (3,) translation with which the corners (n, 3) touch the planes."""
+    if not planes:
+        return np.zeros(3)
+    normals = np.array([plane.normal for plane in planes])
+    gaps = [p.offset - float((corners @ p.normal).min()) for p in planes]
+    found = np.linalg.lstsq(normals, np.array(gaps), rcond=None)[0]
+    return np.asarray(found)
+
+
+def _part_mesh(part: Part, orientation: Array, place: Array, colour: Array) -> Mesh:
+    faces = visible_faces(part)
+    return rotate(orientation, part.vertices) + place, faces, np.tile(colour, (len(faces), 1))
+
+
+def _axes(normal: Array) -> Array:
+    level = np.cross([0.0, 0.0, 1.0], normal)
+    first = np.array([1.0, 0.0, 0.0]) if np.linalg.norm(level) < 1e-6 else level
+    first = first - normal * (first @ normal)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(normal, first)])
+
+
+def plane_patch(
+    plane: ContactPlane, others: Sequence[ContactPlane], centre: Array, size: float
+) -> tuple[Array, Indices]:
+    """Return a square of a plane, as far as it is in front of the other planes.
+
+    Parameters
+    ----------
+    centre : (3,) float64
+        The middle of the square is the point of the plane next to it, m.
+    size : float
+        Half the length of its sides, m.
+
+    Returns
+    -------
+    points : (n, 3) float64
+        m.
+    faces : (m, 3) int64
+        Empty if nothing is in front of the others.
+    """
+    from trimesh.intersections import slice_faces_plane
+
+    middle = centre - plane.normal * (centre @ plane.normal - plane.offset)
+    square = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    points = middle + size * square @ _axes(plane.normal)
+    faces = np.array([(0, 1, 2), (0, 2, 3)])
+    for other in others:
+        if len(faces):
+            end = other.offset * other.normal
+            points, faces, *_ = slice_faces_plane(points, faces, other.normal, end)
+    return points, faces
+
+
+def _contact(plane: ContactPlane, corners: Array, radius: float, colour: Array) -> Mesh:
+    """Return the area in which the hull touches the plane, enlarged by a rim, just above it."""
+    import shapely
+
+    heights = corners @ plane.normal - plane.offset
+    touching = corners[heights <= heights.min() + TOUCHING * radius]
+    axes = _axes(plane.normal)
+    flat = shapely.MultiPoint(touching @ axes.T).convex_hull.buffer(RIM * radius)
+    outline = np.asarray(flat.exterior.coords)[:-1]
+    height = plane.offset + ABOVE * radius
+    faces = np.array([(0, k, k + 1) for k in range(1, len(outline) - 1)])
+    return _two_sided(outline @ axes + height * plane.normal, faces, colour)
+
+
+def _two_sided(points: Array, faces: Indices, colour: Array) -> Mesh:
+    """Return triangles that are visible from both sides."""
+    both = np.concatenate([faces, faces[:, ::-1]]).reshape(-1, 3)
+    return points, both, np.tile(colour, (len(both), 1))
+
+
+def _facing_view(normals: Sequence[Array]) -> Array:
+    """Return the view (3, 3), from the side to which the planes face."""
+    views = [view_from(azimuth, ELEVATION) for azimuth in AZIMUTHS]
+    faces = [min((float(view[2] @ n) for n in normals), default=0.0) for view in views]
+    # The first view, which all other pictures have, unless another one shows clearly more.
+    best = int(np.argmax(faces))
+    return views[0] if faces[0] > 0.3 else views[best]
+
+
+def _drawn_meshes(
+    framed: Sequence[Mesh], patches: Sequence[Mesh], view: Array, pixels: int
+) -> Image:
+    """Return the picture of meshes that fill it, the part first, and of the planes below them."""
+    from scipy.ndimage import binary_dilation
+
+    meshes = [*framed, *patches]
+    starts = np.cumsum([0, *(len(points) for points, _, _ in meshes)])
+    points = np.concatenate([points for points, _, _ in meshes])
+    faces = np.concatenate([f + s for (_, f, _), s in zip(meshes, starts, strict=False)])
+    colours = np.concatenate([colour for _, _, colour in meshes])
+    size = pixels * FINE
+    seen_points = points @ view.T
+    inside = seen_points[: sum(len(points) for points, _, _ in framed), :2]
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    scale = FILLED * size / float((high - low).max())
+    shift = np.append(size / 2 - scale * (low + high) / 2, 0.0)
+    seen = rasterise(seen_points * scale + shift, faces, size)
+    normals = face_normals(points[faces])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    of_part = len(meshes[0][1])
+    shade = brightness(normals)
+    shade[of_part:] = 1.0
+    image = np.zeros((size, size, 4))
+    drawn = seen.face != NOTHING
+    image[drawn, :3] = shade[seen.face[drawn], None] * colours[seen.face[drawn]]
+    image[drawn, 3] = 1.0
+    part = drawn & (seen.face < of_part)
+    lines = binary_dilation(edges(seen, normals) & binary_dilation(part))
+    image[lines, :3] = EDGE_COLOUR
+    image[lines, 3] = 1.0
+    return downsample(image, FINE)[::-1]

@@ -14,7 +14,7 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.aspects.support import resting_on
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.figure import FAINT, PIXELS_PER_INCH, TEXT
+from resting_aspects_ros.report.figure import FAINT, PIXELS_PER_INCH, TEXT, svg_text
 from resting_aspects_ros.report.format import (
     GREY,
     aspect_colour,
@@ -23,7 +23,7 @@ from resting_aspects_ros.report.format import (
     rgb,
     size_text,
 )
-from resting_aspects_ros.report.outlines import MM, members, short_look_alike_text
+from resting_aspects_ros.report.outlines import MM, look_alike_text, members
 from resting_aspects_ros.report.picture import Image, draw_parts, picture_part, pose_parts
 from resting_aspects_ros.rotations import composed
 from resting_aspects_ros.vision.outline import LookAlike, Outline, rings
@@ -54,19 +54,18 @@ class SheetRow:
     """What the sheet shows of a class: its drawing (mm, centred at 0), texts and picture."""
 
     title: str
-    notes: tuple[str, ...]
+    note: str
     colour: str
     drawing: Polygon
     image: Image
 
 
-def draw_page(
-    axes: 'Axes', rows: Sequence[SheetRow], head: tuple[str, str, str], *, last: bool
-) -> None:
-    """Draw a page into axes that fill it; ``last`` adds the row of parts that lie in no class.
+# Title, number of the page, and a note about the drawings.
+Head = tuple[str, str, str]
 
-    ``head`` contains the title, the number of the page, and a note about the drawings.
-    """
+
+def draw_page(axes: 'Axes', rows: Sequence[SheetRow], head: Head, *, last: bool) -> None:
+    """Draw a page into axes that fill it; ``last`` adds the row of parts that lie in no class."""
     axes.set(xlim=(0, WIDTH), ylim=(HEIGHT, 0))
     axes.set_axis_off()
     _draw_head(axes, head)
@@ -86,7 +85,7 @@ def draw_page(
     _text(axes, MARGIN, BOTTOM + 5, NOTE, 7.5, FAINT, va='top')
 
 
-def _draw_head(axes: 'Axes', head: tuple[str, str, str]) -> None:
+def _draw_head(axes: 'Axes', head: Head) -> None:
     title, page, drawings = head
     _text(axes, MARGIN, 15, title, 14, weight='bold')
     _text(axes, WIDTH - MARGIN, 15, page, 8, FAINT, ha='right')
@@ -96,8 +95,7 @@ def _draw_head(axes: 'Axes', head: tuple[str, str, str]) -> None:
             continue
         left, y = MARGIN + 62 * column, 26 + 9 * line
         _text(axes, left, y, pair[line], 8.5, FAINT)
-        start = left + _width(pair[line], 8.5) + 2
-        axes.plot([start, left + 58], [y + 0.8] * 2, color=FAINT, linewidth=0.5)
+        axes.plot([left + 28, left + 58], [y + 0.8] * 2, color=FAINT, linewidth=0.5)
     _text(axes, MARGIN, 42, drawings, 7.5, FAINT)
 
 
@@ -118,13 +116,11 @@ def _draw_row(axes: 'Axes', row: SheetRow, top: float) -> None:
         PathPatch(path, facecolor=(*rgb(row.colour), 0.25), edgecolor=TEXT, linewidth=0.6)
     )
     _text(axes, BESIDE, top + 6, row.title, 11, weight='bold')
-    for k, note in enumerate(row.notes):
-        _text(axes, BESIDE, top + 10.5 + 4 * k, note, 7.5, FAINT)
+    _text(axes, BESIDE, top + 8.5, row.note, 7.5, FAINT, va='top', linespacing=1.5)
     _draw_boxes(axes, top + ROW - 2 * BOX - 3, row.colour)
 
 
 def _draw_boxes(axes: 'Axes', top: float, colour: str) -> None:
-    """Draw two lines of tally boxes and, to their right, one for the total."""
     from matplotlib.patches import Rectangle
 
     corners = product(range(2), range(BOXES))
@@ -150,14 +146,6 @@ def _text(
     axes.text(x, y, text, size=size, color=colour, parse_math=False, **style)
 
 
-def _width(text: str, size: float) -> float:
-    """Return the width of a text, mm."""
-    from matplotlib.textpath import TextPath
-
-    points: float = TextPath((0, 0), text, size).get_extents().x1
-    return points * 25.4 / 72
-
-
 PIXELS = 280  # side of a picture: 200 per inch
 MM_PER_INCH = 25.4
 
@@ -176,11 +164,13 @@ def counting_sheet(
     """
     drawn, text = _rows(part, aspects, outlines, look_alikes)
     pages = list(_pages(drawn))
+    title = f'{part.name}, {size_text(part)}'
     heads = [
-        (f'{part.name}, {size_text(part)}', f'page {k + 1} of {len(pages)}', f'Drawings {text}.')
-        for k in range(len(pages))
+        (title, f'page {k} of {len(pages)}', f'Drawings {text}.') for k in range(1, len(pages) + 1)
     ]
-    return (_pdf if ending == '.pdf' else _svg)(list(zip(pages, heads, strict=True)))
+    if ending == '.pdf':
+        return _pdf(pages, heads)
+    return _svg(pages, heads)
 
 
 def _pages(rows: Sequence[SheetRow]) -> Iterator[list[SheetRow]]:
@@ -205,7 +195,7 @@ def _rows(
     """Return the row of each outline, and the scale of their drawings in words."""
     groups = [members(each, aspects) for each in outlines]
     shown = [group[0] for group in groups]
-    posed = pose_parts(picture_part(part, shown), shown)
+    posed = pose_parts(picture_part(part), shown)
     colours = [aspect_colour(aspect) for aspect in shown]
     images = draw_parts(posed, [rgb(colour) for colour in colours], PIXELS)
     # Turned as in the picture, so that a person recognizes the part.
@@ -219,7 +209,7 @@ def _rows(
     rows = [
         SheetRow(
             f'Class {each.symmetry_class}: {aspects_text(group)}',
-            tuple(_notes(part, each, group, height, look_alikes[each.symmetry_class])),
+            _note(part, each, group, height, look_alikes[each.symmetry_class]),
             colour,
             scale(drawing, factor, factor, origin=(0, 0)),
             image,
@@ -231,16 +221,16 @@ def _rows(
     return rows, f'{_ratio(factor)}, seen from above'
 
 
-def _notes(
+def _note(
     part: Part,
     outline: Outline,
     group: tuple[Aspect, ...],
     height: str,
     others: Sequence[LookAlike],
-) -> Iterator[str]:
-    yield f'rests on {resting_on(part, group[0])}; {height} mm high'
-    if text := short_look_alike_text(outline, others):
-        yield f'From above it looks like {text}.'
+) -> str:
+    alike = look_alike_text(outline, others)
+    below = f'\nFrom above it looks like class {alike}.' if alike else ''
+    return f'rests on {resting_on(part, group[0])}; {height} mm high{below}'
 
 
 def _yaw(one: Array, other: Array) -> float:
@@ -250,7 +240,6 @@ def _yaw(one: Array, other: Array) -> float:
 
 
 def _centred(polygon: Polygon) -> Polygon:
-    """Return the polygon in mm, with the middle of its bounding box at 0."""
     left, low, right, high = polygon.bounds
     middle = translate(polygon, -(left + right) / 2, -(low + high) / 2)
     return scale(middle, MM, MM, origin=(0, 0))
@@ -276,30 +265,25 @@ def _ratio(factor: float) -> str:
     return f'{factor:g}:1' if factor > 1 else f'1:{1 / factor:g}'
 
 
-_Pages = list[tuple[list[SheetRow], tuple[str, str, str]]]
-
-
-def _pdf(pages: _Pages) -> bytes:
+def _pdf(pages: Sequence[Sequence[SheetRow]], heads: Sequence[Head]) -> bytes:
     from matplotlib.backends.backend_pdf import PdfPages
     from matplotlib.figure import Figure
 
     file = io.BytesIO()
     with PdfPages(file, metadata={'CreationDate': None}) as document:
-        for k, (rows, head) in enumerate(pages):
+        for rows, head in zip(pages, heads, strict=True):
             figure = Figure(figsize=(WIDTH / MM_PER_INCH, HEIGHT / MM_PER_INCH))
-            draw_page(figure.add_axes((0, 0, 1, 1)), rows, head, last=k == len(pages) - 1)
+            draw_page(figure.add_axes((0, 0, 1, 1)), rows, head, last=head is heads[-1])
             document.savefig(figure, dpi=PIXELS_PER_INCH)
     return file.getvalue()
 
 
-def _svg(pages: _Pages) -> bytes:
+def _svg(pages: Sequence[Sequence[SheetRow]], heads: Sequence[Head]) -> bytes:
     from matplotlib.figure import Figure
-
-    from resting_aspects_ros.report.figure import svg_text
 
     number = len(pages)
     figure = Figure(figsize=(WIDTH / MM_PER_INCH, number * HEIGHT / MM_PER_INCH))
-    for k, (rows, head) in enumerate(pages):
-        axes = figure.add_axes((0, 1 - (k + 1) / number, 1, 1 / number))
-        draw_page(axes, rows, head, last=k == number - 1)
+    for k, (rows, head) in enumerate(zip(pages, heads, strict=True), start=1):
+        axes = figure.add_axes((0, 1 - k / number, 1, 1 / number))
+        draw_page(axes, rows, head, last=k == number)
     return svg_text(figure).encode()

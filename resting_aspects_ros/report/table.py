@@ -3,7 +3,7 @@
 import csv
 import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,8 +15,8 @@ if TYPE_CHECKING:  # rich is imported when a table is printed
 
 # Width that a table should fit, and at which its title and its caption are wrapped, columns.
 WIDTH = 80
-# Space between two columns.
-_GAP = 2
+# Space between two columns, and minimum width of a column that is wrapped.
+_GAP, MIN_WRAPPED = 2, 12
 # The cell of a value that is not known.
 NOTHING = '-'
 # Headings of columns with text.
@@ -51,11 +51,11 @@ class Table:
     headings : sequence of str
         Line breaks fit them to a terminal, and '-' before a line break is a hyphen. A page shows
         them in one line.
-    texts : mapping of str to int or None
-        Headings of the columns with text, and the width at which a terminal wraps it; None if it
-        is not wrapped. All other columns have numbers, except the first, which names its row.
-    caption : str
-        Shown below the table.
+    texts : collection of str
+        Headings of the columns with text. All other columns have numbers, except the first, which
+        names its row.
+    wrapped : str
+        Heading of the column of texts that a terminal wraps so that the table fits WIDTH.
     rows : list of lists of str
         A cell can have several lines; those after the first explain it, such as an interval.
     sections : list of int
@@ -64,19 +64,18 @@ class Table:
         Numbers of rows with totals.
     pictures : dict of (int, int) to str
         Pictures as data URIs by row and column, which only a page shows.
-    picture_width : int
-        Of the pictures, pixels.
     """
 
     title: str
     headings: Sequence[str]
-    texts: Mapping[str, int | None] = field(default_factory=dict)
+    texts: Collection[str] = ()
     caption: str = ''
+    wrapped: str = ''
     rows: list[list[str]] = field(default_factory=list)
     sections: list[int] = field(default_factory=list)
     bold: list[int] = field(default_factory=list)
     pictures: dict[tuple[int, int], str] = field(default_factory=dict)
-    picture_width: int = 64
+    picture_width: int = 64  # pixels
 
     def add_row(self, *cells: str, bold: bool = False) -> None:
         """Add a row; cells that are missing at its end are empty."""
@@ -91,9 +90,12 @@ class Table:
     @property
     def width(self) -> int:
         """Width of the rows and headings in a terminal, columns."""
+        return sum(self._widths) + _GAP * (len(self.headings) - 1)
+
+    @property
+    def _widths(self) -> list[int]:
         columns = zip(self.headings, *self.rows, strict=True)
-        lines = [[line for cell in column for line in cell.split('\n')] for column in columns]
-        return sum(max(map(len, each)) for each in lines) + _GAP * (len(lines) - 1)
+        return [max(len(line) for cell in cells for line in cell.split('\n')) for cells in columns]
 
     def __rich__(self) -> 'rich.table.Table':
         """Return the table for a terminal, without colours."""
@@ -117,13 +119,14 @@ class Table:
             # Intervals below the numbers need a line between the rows.
             leading=int(sum(any('\n' in cell for cell in row) for row in self.rows) > 1),
         )
-        for heading in self.headings:
-            width = self.texts.get(heading)
+        excess = max(self.width - WIDTH, 0)
+        for heading, width in zip(self.headings, self._widths, strict=True):
+            wrapped = heading == self.wrapped
             table.add_column(
                 Text(heading),
                 justify='left' if heading in self.texts else 'right',
-                no_wrap=width is None,
-                max_width=width,
+                no_wrap=not wrapped,
+                max_width=max(width - excess, MIN_WRAPPED) if wrapped else None,
             )
         for k, row in enumerate(self.rows):
             if k in self.sections:
@@ -149,7 +152,6 @@ class Table:
 
 
 def _wrapped(text: str) -> str:
-    """Return a text in lines of at most WIDTH characters."""
     return '\n'.join(
         textwrap.fill(line, WIDTH, break_long_words=False, break_on_hyphens=False)
         for line in text.split('\n')

@@ -1,29 +1,46 @@
-"""Tables and documents of transitions: matrices, long run, plans and retention."""
+"""Transitions as tables, documents and figures: matrices, long run, plans and retention."""
 
+import dataclasses
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import numbers, plain
+from resting_aspects_ros.report.figure import (
+    FAINT,
+    MARGIN,
+    TEXT,
+    Header,
+    draw_image,
+    labels_apart,
+    percent_axis,
+    pixel_axes,
+    plain_axes,
+)
 from resting_aspects_ros.report.format import (
+    aspect_colour,
     aspects_heading,
     aspects_text,
     decimals_of,
     ids_text,
     interval_text,
+    largest_counts,
     millimetres_text,
     number_text,
     percent_text,
     probability_text,
+    rgb,
     share_percent_text,
     share_text,
 )
-from resting_aspects_ros.report.table import NOTHING, WIDTH, Number, Table
+from resting_aspects_ros.report.picture import Image, draw_parts, picture_part, pose_parts
+from resting_aspects_ros.report.table import NOTHING, Number, Table
 from resting_aspects_ros.statistics.intervals import CONFIDENCE, Interval
 from resting_aspects_ros.statistics.markov import LongRun, Plan
 from resting_aspects_ros.statistics.transitions import (
@@ -33,7 +50,11 @@ from resting_aspects_ros.statistics.transitions import (
     TransitionMatrix,
 )
 
-MIN_LISTED = 0.01  # smaller probabilities of a row of many are listed together
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
 # Headings of the outcomes in no aspect.
 OUTCOME_HEADINGS = {
     'unclassified': 'unclas-\nsified',
@@ -43,8 +64,6 @@ OUTCOME_HEADINGS = {
 }
 # Width at which the heading of a class with many aspects is wrapped.
 _HEADING_WIDTH = 10
-# Keeps a name and its percentage in one line: textwrap does not break here.
-_NO_BREAK = '\N{NO-BREAK SPACE}'
 
 Rows = Sequence[tuple[Aspect, ...]]
 
@@ -59,123 +78,42 @@ def suffix_of(action: str, actions: Sequence[str]) -> str:
     return f'_{action}' if len(actions) > 1 else ''
 
 
-def transition_table(matrix: TransitionMatrix, by_class: bool, title: str) -> Table:
-    """Return a table with a row from each aspect or class; it fits 80 columns, in ASCII.
+def transition_table(matrix: TransitionMatrix, by_class: bool, title: str = '') -> Table:
+    """Return a matrix by aspect in percent, with the interval below each probability.
 
-    Probabilities are in percent. If there is room, each has its interval below it; otherwise each
-    row is a list of the probabilities above 1 %, with the half width of its widest interval.
-    Outcomes in no aspect have columns if they occurred.
-
-    Parameters
-    ----------
-    matrix : TransitionMatrix
-        By aspect.
-    by_class : bool
-        Whether the table has a row and a column for each symmetry class instead of each aspect.
-    title : str
-        Plain text, shown above the table.
+    It has a row and a column for each aspect or class, however wide it is. Outcomes in no aspect
+    have columns if they occurred.
     """
-    table = interval_table(matrix, by_class, title)
-    return table if table.width <= WIDTH else _list_table(_cells(matrix, by_class), title)
-
-
-def interval_table(matrix: TransitionMatrix, by_class: bool, title: str = '') -> Table:
-    """Return the table that has the interval below each probability, however wide."""
-    cells = _cells(matrix, by_class)
-    caption = f'Below each probability is its {cells.confidence} interval.'
-    table = Table(title, ('from', *cells.headings, 'actions'), caption=caption)
-    for k, name in enumerate(cells.rows):
-        found = cells.of_row(k)
-        texts = [_with_bounds(found[c]) if found else NOTHING for c in cells.columns]
-        table.add_row(name, *texts, cells.actions[k])
-    return table
-
-
-class _Cells:
-    """The numbers of a matrix, as intervals, and the names of its rows and columns."""
-
-    def __init__(self, matrix: TransitionMatrix, rows: Rows) -> None:
-        self.rows = [ids_text(row) for row in rows]
-        self.actions = [str(n) for n in matrix.actions.tolist()]
-        self.confidence = f'{100 * matrix.confidence:g} %'
-        self.several = any(len(row) > 1 for row in rows)
-        counts = matrix.counts.sum(axis=0)
-        occurred = [k for k in range(len(OUTCOMES)) if counts[len(rows) + k]]
-        # The columns of a table: the aspects, and the outcomes that occurred.
-        self.columns = [*range(len(rows)), *(len(rows) + k for k in occurred)]
-        names = [textwrap.fill(f'to {name}', _HEADING_WIDTH) for name in self.rows]
-        names += [OUTCOME_HEADINGS[OUTCOMES[k]] for k in occurred]
-        self.headings = [f'{name}\n(%)' for name in names]
-        lower, upper = matrix.bounds()
-        probability = np.where(np.isnan(matrix.probability), 0.0, matrix.probability)
-        self._intervals = [
-            [Interval(*values) for values in zip(*row, strict=True)]
-            for row in zip(probability.tolist(), lower.tolist(), upper.tolist(), strict=True)
-        ]
-
-    def of_row(self, row: int) -> list[Interval]:
-        """Return the probabilities of a row; empty if it has no actions."""
-        return self._intervals[row] if self.actions[row] != '0' else []
-
-    def widest(self, row: int) -> Interval:
-        """Return the widest interval of a row."""
-        return max(self._intervals[row], key=lambda each: each.upper - each.lower)
-
-
-def _cells(matrix: TransitionMatrix, by_class: bool) -> _Cells:
     rows = table_rows(matrix.aspects, by_class=by_class)
-    return _Cells(matrix.by_class() if by_class else matrix, rows)
-
-
-def _list_table(cells: _Cells, title: str) -> Table:
-    """Return the table that lists the aspects that the part goes to from each row."""
-    outcomes = cells.headings[len(cells.rows) :]
-    caption = (
-        f'Probabilities of at most {100 * MIN_LISTED:g} % are summed as others. '
-        f'+-: half of the widest {cells.confidence} interval of the row.'
-    )
-    headings = ('from', 'to', *outcomes, '+-\n(%)', 'actions')
-    table = Table(title, headings, texts={'to': None}, caption=caption)
-    for k, name in enumerate(cells.rows):
-        found = cells.of_row(k)
-        outside = [
-            _row_text(found[c], cells.widest(k)) if found else NOTHING
-            for c in cells.columns[len(cells.rows) :]
-        ]
-        table.add_row(name, 'to', *outside, _half_width(cells, k), cells.actions[k])
-    # The lists are as wide as the other columns permit.
-    room = WIDTH - table.width + len('to')
-    for k, row in enumerate(table.rows):
-        row[1] = textwrap.fill(_list_text(cells, k), room).replace(_NO_BREAK, ' ')
+    matrix = matrix.by_class() if by_class else matrix
+    columns = shown_columns(matrix)
+    names = [textwrap.fill(f'to {ids_text(row)}', _HEADING_WIDTH) for row in rows]
+    names += [OUTCOME_HEADINGS[OUTCOMES[c - len(rows)]] for c in columns[len(rows) :]]
+    caption = f'Below each probability is its {100 * matrix.confidence:g} % interval.'
+    headings = ('from', *(f'{name}\n(%)' for name in names), 'actions')
+    table = Table(title, headings, caption=caption)
+    found = matrix_intervals(matrix)
+    for row, of_row, actions in zip(rows, found, matrix.actions.tolist(), strict=True):
+        texts = [_with_bounds(of_row[c]) if of_row else NOTHING for c in columns]
+        table.add_row(ids_text(row), *texts, str(actions))
     return table
 
 
-def _list_text(cells: _Cells, row: int) -> str:
-    """Return the probabilities of the aspects above MIN_LISTED in descending order, as a list."""
-    if not (found := cells.of_row(row)[: len(cells.rows)]):
-        return NOTHING
-    order = sorted(range(len(found)), key=lambda c: -found[c].probability)
-    shown = [c for c in order if found[c].probability > MIN_LISTED]
-    entries = [(cells.rows[c], found[c]) for c in shown]
-    if rest := sum(found[c].probability for c in order[len(shown) :]):
-        entries.append(('others', Interval(rest, 0.0, 1.0)))
-    separator = '; ' if cells.several else ', '  # the names of classes contain commas
-    return separator.join(
-        f'{name}: {_row_text(each, cells.widest(row))} %'.replace(' ', _NO_BREAK)
-        for name, each in entries
-    )
+def shown_columns(matrix: TransitionMatrix) -> list[int]:
+    """Return the columns of all aspects, and of the outcomes in no aspect that occurred."""
+    occurred = np.asarray(matrix.counts.any(axis=0))
+    rows = len(matrix.counts)
+    return [c for c in range(len(occurred)) if c < rows or occurred[c]]
 
 
-def _row_text(interval: Interval, widest: Interval) -> str:
-    """Return a probability in percent with the decimals of the widest interval of its row."""
-    return percent_text(interval.probability, decimals_of(widest))
-
-
-def _half_width(cells: _Cells, row: int) -> str:
-    """Return half the width of the widest interval of a row, in percent."""
-    widest = cells.widest(row)
-    half = Interval((widest.upper - widest.lower) / 2, widest.lower, widest.upper)
-    return _bare(probability_text(half)) if cells.of_row(row) else NOTHING
+def matrix_intervals(matrix: TransitionMatrix) -> list[list[Interval]]:
+    """Return the probabilities of each row with their bounds; none in a row without actions."""
+    probability, (lower, upper) = matrix.probability, matrix.bounds()
+    rows: list[list[Interval]] = [[] for _ in probability]
+    for k in np.flatnonzero(matrix.actions):
+        values = zip(probability[k].tolist(), lower[k].tolist(), upper[k].tolist(), strict=True)
+        rows[k] = [Interval(*each) for each in values]
+    return rows
 
 
 def _with_bounds(interval: Interval) -> str:
@@ -191,8 +129,6 @@ def _bare(percentage: str) -> str:
 
 
 NEVER, WANTED = 'never', 'wanted'
-# Probabilities closer to 1 differ from it by rounding errors only.
-_CERTAIN = 1 - 1e-9
 
 
 def long_run_table(
@@ -203,52 +139,19 @@ def long_run_table(
     drop: Array,
     title: str,
     confidence: float = CONFIDENCE,
-    after: Array | None = None,
 ) -> Table:
     """Return a table of the shares that repeated actions lead to, beside the shares of a drop.
 
-    Aspects in no closed class, or in one of several, are marked as groups; see long_run_text.
-
-    Parameters
-    ----------
-    rows : sequence of tuples of Aspect
-        The aspects of each row: single aspects or symmetry classes; see table_rows.
-    long_run : LongRun
-        Its shares and indices refer to the rows.
-    lower, upper : (k,) float
-        Bounds of its shares.
-    drop : (k,) float
-        Probabilities of the rows after a drop.
-    title : str
-        Plain text, shown above the table.
-    confidence : float
-        Of the bounds.
-    after : (k,) float, optional
-        Shares after one action on dropped parts.
+    The long run, the bounds ``lower`` and ``upper`` of its shares, and ``drop``, the probabilities
+    after a drop, refer to the rows, (k,).
     """
-    marks = _marks(long_run, len(rows))
-    headings = (
-        aspects_heading(rows),
-        'in the\nlong run',
-        f'{100 * confidence:g} % interval',
-        *([] if after is None else ['after one\naction']),
-        'in a\ndrop',
-        *(['group'] if any(marks) else []),
-    )
-    table = Table(title, headings)
+    interval = f'{100 * confidence:g} % interval'
+    table = Table(title, (aspects_heading(rows), 'in the\nlong run', interval, 'in a\ndrop'))
     values = zip(long_run.shares.tolist(), lower.tolist(), upper.tolist(), strict=True)
-    once = [[]] * len(rows) if after is None else [[share_percent_text(x)] for x in after.tolist()]
-    columns = zip(rows, values, once, drop.tolist(), marks, strict=True)
-    for row, value, one, dropped, mark in columns:
-        interval = Interval(*value)
-        table.add_row(
-            ids_text(row),
-            probability_text(interval),
-            interval_text(interval),
-            *one,
-            share_percent_text(dropped),
-            *([mark] if any(marks) else []),
-        )
+    for row, value, dropped in zip(rows, values, drop.tolist(), strict=True):
+        share = Interval(*value)
+        cells = probability_text(share), interval_text(share), share_percent_text(dropped)
+        table.add_row(ids_text(row), *cells)
     return table
 
 
@@ -257,18 +160,8 @@ def actions_table(
 ) -> Table:
     """Return a table that compares the shares in a drop with those of several repeated actions.
 
-    Parameters
-    ----------
-    rows : sequence of tuples of Aspect
-        The aspects of each row: single aspects or symmetry classes; see table_rows.
-    drop : (k,) float
-        Probabilities of the rows after a drop.
-    shares : mapping of str to (k,) float
-        Long-run shares of each action by name.
-    wanted : (k,) bool
-        The wanted rows, whose sum is the last row of the table; none: no such row.
-    title : str
-        Plain text, shown above the table.
+    The last row is the sum of the ``wanted`` rows (k,), if there are any. ``shares`` are the
+    long-run shares (k,) of each action by name.
     """
     table = Table(title, (aspects_heading(rows), 'in a\ndrop', *shares))
     columns = (drop, *shares.values())
@@ -317,16 +210,11 @@ def wanted_table(
 
     Parameters
     ----------
-    rows : sequence of tuples of Aspect
-        See long_run_table.
     wanted : (k,) bool
-        Whether the row is wanted.
     probability : (k,) float
         Probability to reach a wanted row before the part leaves the aspects.
     actions : (k,) float
         Expected number of actions, given that a wanted row is reached; NaN for never.
-    title : str
-        Plain text, shown above the table.
     """
     table = Table(title, ('from', 'reaches a\nwanted\naspect', 'expected\nactions,\nif it does'))
     columns = zip(rows, wanted.tolist(), probability.tolist(), actions.tolist(), strict=True)
@@ -334,7 +222,7 @@ def wanted_table(
         if is_wanted:
             cells = WANTED, '0'
         else:
-            cells = _chance_text(reached), NEVER if np.isnan(number) else number_text(number)
+            cells = share_percent_text(reached), NEVER if np.isnan(number) else number_text(number)
         table.add_row(ids_text(row), *cells)
     return table
 
@@ -342,18 +230,10 @@ def wanted_table(
 def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Table:
     """Return a table of the best action in each row, and the expected time to a wanted row.
 
-    Parameters
-    ----------
-    rows : sequence of tuples of Aspect
-        See long_run_table.
-    plan : Plan
-    actions : sequence of str
-        Names of the actions of the plan.
-    title : str
-        Plain text, shown above the table.
+    ``actions`` are the names of the actions of the plan.
     """
     headings = (aspects_heading(rows), 'best action', 'expected\ntime (s)')
-    table = Table(title, headings, texts={'best action': None})
+    table = Table(title, headings, texts={'best action'})
     for row, action, time in zip(rows, plan.action.tolist(), plan.time.tolist(), strict=True):
         if time == 0:
             cells = WANTED, '0'
@@ -365,32 +245,9 @@ def plan_table(rows: Rows, plan: Plan, actions: Sequence[str], title: str) -> Ta
     return table
 
 
-def _marks(long_run: LongRun, count: int) -> list[str]:
-    """Return the number of the closed class of each row, if there are several, or why none."""
-    marks = [''] * count
-    if len(long_run.closed) > 1:
-        for number, members in enumerate(long_run.closed, start=1):
-            for k in members:
-                marks[k] = str(number)
-    for k in long_run.transient:
-        marks[k] = 'none'
-    for k in long_run.unreachable:
-        marks[k] = 'not reached'
-    return marks
-
-
 def _names(rows: Rows, indices: Sequence[int]) -> str:
-    """Return the ids of all aspects of some rows, as 'aspects 1 and 2'."""
     aspects = sorted((a for k in indices for a in rows[k]), key=lambda aspect: aspect.id)
     return aspects_text(tuple(aspects))
-
-
-def _chance_text(probability: float) -> str:
-    """Return a probability in percent; only certainty is 100 %."""
-    if not 0 < probability <= _CERTAIN:
-        return '100 %' if probability else '0 %'
-    text = share_text(probability)
-    return '> 99.9 %' if text == '100.0' else share_percent_text(probability)
 
 
 def retention_table(curves: Sequence[RetentionCurve], title: str, gravity: float) -> Table:
@@ -411,25 +268,6 @@ def retention_table(curves: Sequence[RetentionCurve], title: str, gravity: float
     return table
 
 
-def retention_counts_table(curves: Sequence[RetentionCurve], title: str) -> Table:
-    """Return a table of how many parts left each aspect at each lift height."""
-    headings = ['lift\nheight\n(mm)', 'parts', 'left', 'probability', 'interval']
-    table = Table(title, ('aspect', *headings))
-    for curve in curves:
-        columns = (curve.lift, curve.parts, curve.left, curve.probability, *curve.bounds())
-        for lift, parts, left, *values in zip(*(each.tolist() for each in columns), strict=True):
-            chance = Interval(*values)
-            table.add_row(
-                str(curve.aspect),
-                millimetres_text(lift),
-                str(parts),
-                str(left),
-                probability_text(chance),
-                interval_text(chance),
-            )
-    return table
-
-
 def _level_text(curve: RetentionCurve, level: float) -> str:
     """Return the lift height at which a share of the parts leaves, and below it the interval."""
     lift = curve.lift_at(level)
@@ -446,19 +284,8 @@ def _level_text(curve: RetentionCurve, level: float) -> str:
 def matrix_fields(matrix: TransitionMatrix) -> dict[str, Any]:
     """Return a matrix by aspect, and in ``classes`` by symmetry class, as plain JSON types.
 
-    Parameters
-    ----------
-    matrix : TransitionMatrix
-        By aspect.
-
-    Returns
-    -------
-    dict
-        ``columns``: the ids of the aspects, then the names of the outcomes in no aspect.
-        ``counts``, ``probability``, ``lower`` and ``upper``: a row from each aspect, with a number
-        for each column; the probability is null in a row without actions. ``actions``: the number
-        of actions of each row. ``classes``: the same fields with the numbers of the symmetry
-        classes instead of ids, and ``members``, the ids of the aspects of each class.
+    The keys are described in docs/reference/files.md. The probability is null in a row without
+    actions.
     """
     aspects = matrix.aspects
     members = [[aspect.id for aspect in alike] for alike in aspects.classes()]
@@ -482,23 +309,9 @@ def _fields(matrix: TransitionMatrix, numbers_of_rows: Sequence[int]) -> dict[st
 def long_run_fields(
     long_run: LongRun, lower: Array, upper: Array, aspects: AspectSet
 ) -> dict[str, object]:
-    """Return the shares that repeated actions lead to, as plain JSON types.
+    """Return the shares (k,) that repeated actions lead to, with their bounds, as JSON types.
 
-    Parameters
-    ----------
-    long_run : LongRun
-        By aspect.
-    lower, upper : (k,) float
-        Bounds of its shares.
-
-    Returns
-    -------
-    dict
-        ``long_run``, ``long_run_lower`` and ``long_run_upper`` by aspect id. ``closed_classes``:
-        for each closed class the ids of its ``aspects``, its ``weight``, which is the probability
-        to end in it, and the ``shares`` of all aspects within it. ``transient`` and
-        ``unreachable``: the ids of aspects in no closed class, and of aspects to which no dropped
-        part and no action leads.
+    The keys are described in docs/reference/files.md.
     """
     ids = [aspect.id for aspect in aspects]
     closed = zip(long_run.closed, long_run.weights.tolist(), long_run.stationary, strict=True)
@@ -516,17 +329,7 @@ def long_run_fields(
 
 
 def retention_fields(curve: RetentionCurve) -> dict[str, object]:
-    """Return a retention curve as plain JSON types.
-
-    Returns
-    -------
-    dict
-        ``aspect``: its id. ``barrier``: m, null without another aspect. ``lift``: lift heights, m,
-        ascending, and for each of them ``left``, the number of parts that left the aspect, of
-        ``parts`` that were disturbed, and the ``probability`` with its bounds ``lower`` and
-        ``upper``. ``levels``: for each of the probabilities 0.01, 0.1 and 0.5 the ``lift`` height
-        at which it is first reached, and its bounds; null where it is not reached.
-    """
+    """Return a retention curve as plain JSON types; see docs/reference/files.md. Lengths in m."""
     lower, upper = curve.bounds()
     levels = []
     for level in LEVELS:
@@ -543,3 +346,288 @@ def retention_fields(curve: RetentionCurve) -> dict[str, object]:
         'upper': plain(upper),
         'levels': plain(levels),
     }
+
+
+# -- Figures --------------------------------------------------------------------------------------
+
+
+MAX_ROWS = 12
+
+
+def row_images(part: Part | None, rows: Rows, pixels: int) -> list[Image]:
+    """Return a picture of the part in each row; none without a part."""
+    if part is None:
+        return []
+    aspects = [row[0] for row in rows]
+    posed_parts = pose_parts(picture_part(part), aspects)
+    return draw_parts(posed_parts, [rgb(aspect_colour(each)) for each in aspects], pixels)
+
+
+# Sizes in pixels. GAP separates the outcomes from the aspects, BESIDE a name from what it names.
+CELL, CELL_OF_MANY, MANY = 116, 96, 6
+GAP, BESIDE = 14, 10
+NAMES, ACTIONS, LINE = 110, 130, 24
+MIN_WIDTH = 700
+# Colours of the probabilities 0 and 1, and of texts in cells. They are not those of figure_style,
+# which change on a dark page.
+PALE, DEEP = '#F3F6FA', '#0A4A7C'
+PALE_OUTCOME, DEEP_OUTCOME = '#F4F4F4', '#4A4A4A'
+DARK_TEXT, LIGHT_TEXT = '#1A1A1E', '#FAFAFA'
+# Texts in cells of a higher probability are light.
+LIGHT_FROM = 0.65
+# Decimals of a percentage, so that its interval fits into a cell.
+MAX_DECIMALS = 2
+
+
+def transition_figure(matrix: TransitionMatrix, part: Part | None, title: str) -> 'Figure':
+    """Plot the probability and its interval from each aspect (row) to each aspect (column).
+
+    If there are more than MAX_ROWS aspects, rows and columns are symmetry classes; of more
+    classes, those to which most actions lead are shown. Outcomes in no aspect have columns if
+    they occurred. Without a title, the figure has no explanation either; see transition_note.
+    ``matrix`` is by aspect.
+    """
+    matrix, rows, kept = _arranged(matrix)
+    shown = [*kept, *(c for c in shown_columns(matrix) if c >= len(matrix.counts))]
+    columns = len(shown)
+    side = CELL if columns <= MANY else CELL_OF_MANY
+    left = MARGIN + NAMES + (side if part else 0) + BESIDE
+    width = left + side * columns + GAP * (columns > len(rows)) + ACTIONS + MARGIN
+    width = max(width, MIN_WIDTH)
+    header = Header(title, transition_note(matrix) if title else '', width)
+    names = [textwrap.fill(ids_text(row), 8) for row in rows]
+    lines = max((name.count('\n') + 1 for name in names), default=1)
+    above = (side if part else 0) + LINE * max(lines, 2) + 2 * BESIDE
+    figure, axes = pixel_axes(width, header.height + above + side * len(rows) + MARGIN)
+    header.draw(axes)
+    x = left + side * np.arange(0.5, columns, dtype=np.float64)
+    x[len(rows) :] += GAP
+    y = MARGIN + side * np.arange(0.5, len(rows), dtype=np.float64)[::-1]
+    _draw_axes(axes, names, row_images(part, rows, side), (x, y), side)
+    top = MARGIN + side * len(rows) + BESIDE
+    for column, place in zip(shown[len(rows) :], x[len(rows) :], strict=True):
+        heading = OUTCOME_HEADINGS[OUTCOMES[column - len(matrix.counts)]]
+        _write(axes, heading, place, top, ha='center', va='bottom')
+    found = matrix_intervals(matrix)
+    for row, place in zip(kept, y.tolist(), strict=True):
+        for column, at in zip(shown, x.tolist(), strict=True):
+            interval = found[row][column] if found[row] else None
+            _draw_cell(axes, interval, (at, place), side, outcome=column >= len(matrix.counts))
+        text = f'{matrix.actions[row]:,} actions'.replace(',', ' ')
+        axes.text(x[-1] + side / 2 + BESIDE, place, text, size=7, color=FAINT, va='center')
+    return figure
+
+
+def _arranged(
+    matrix: TransitionMatrix,
+) -> tuple[TransitionMatrix, list[tuple[Aspect, ...]], list[int]]:
+    """Return the matrix by aspect or class, and the aspects and numbers of the shown rows."""
+    by_class = len(matrix.counts) > MAX_ROWS
+    rows = table_rows(matrix.aspects, by_class=by_class)
+    matrix = matrix.by_class() if by_class else matrix
+    kept = largest_counts(matrix.counts[:, : len(rows)].sum(axis=0).tolist(), MAX_ROWS)
+    return matrix, [rows[k] for k in kept], kept
+
+
+def transition_note(matrix: TransitionMatrix) -> str:
+    """Return the text that explains the figure."""
+    note = (
+        'Probability in % that one action takes a part from the aspect of the row to the aspect '
+        f'of the column, with {100 * matrix.confidence:g} % interval '
+        f'({matrix.interval.capitalize()}).'
+    )
+    if len(matrix.aspects.classes()) > MAX_ROWS:
+        note += f' The {MAX_ROWS} classes of aspects to which most actions lead are shown.'
+    return note
+
+
+def _draw_axes(
+    axes: 'Axes',
+    names: Sequence[str],
+    images: Sequence[Image],
+    places: tuple[Array, Array],
+    side: int,
+) -> None:
+    """Draw the picture and the name of each row left of it and above its column."""
+    x, y = places
+    left, top = x[0] - side / 2 - BESIDE, y[0] + side / 2 + BESIDE
+    pictures = side if images else 0
+    for k, image in enumerate(images):
+        draw_image(axes, image, left - side / 2, y[k])
+        draw_image(axes, image, x[k], top + side / 2)
+    for k, name in enumerate(names):
+        _write(axes, name, left - pictures - BESIDE / 2, y[k], ha='right', va='center')
+        _write(axes, name, x[k], top + pictures, ha='center', va='bottom')
+    _write(axes, 'from', MARGIN, top, ha='left', va='bottom', color=FAINT)
+    _write(axes, 'to', left - BESIDE, top + pictures, ha='right', va='bottom', color=FAINT)
+
+
+def _write(axes: 'Axes', text: str, x: float, y: float, **style: Any) -> None:
+    style = {'size': 8.5, 'weight': 'bold', 'color': TEXT, 'linespacing': 1.1, **style}
+    axes.text(x, y, text, **style)
+
+
+def _draw_cell(
+    axes: 'Axes',
+    interval: Interval | None,
+    place: tuple[float, float],
+    side: int,
+    *,
+    outcome: bool,
+) -> None:
+    """Draw a cell around a place; None: there are no actions."""
+    from matplotlib.patches import Rectangle
+
+    x, y = place
+    ends = (PALE_OUTCOME, DEEP_OUTCOME) if outcome else (PALE, DEEP)
+    colour = _mixed(*ends, interval.probability if interval else 0.0)
+    corner = x - side / 2 + 1, y - side / 2 + 1
+    axes.add_patch(Rectangle(corner, side - 2, side - 2, color=colour, linewidth=0))
+    if interval is None:
+        axes.text(x, y, '-', size=9, color=DARK_TEXT, ha='center', va='center')
+    else:
+        _write_cell(axes, interval, x, y)
+
+
+def _write_cell(axes: 'Axes', interval: Interval, x: float, y: float) -> None:
+    decimals = min(decimals_of(interval), MAX_DECIMALS)
+    share, low, high = (
+        percent_text(value, decimals)
+        for value in (interval.probability, interval.lower, interval.upper)
+    )
+    # An outcome that was never seen is less conspicuous.
+    size, weight = (10, 'bold') if interval.probability > 0 else (8, 'normal')
+    colour = LIGHT_TEXT if interval.probability > LIGHT_FROM else DARK_TEXT
+    style: dict[str, Any] = {'color': colour, 'ha': 'center'}
+    axes.text(x, y + 2, share, size=size, weight=weight, va='bottom', **style)
+    axes.text(x, y - 6, f'{low}–{high}', size=6.5, va='top', **style)
+
+
+def _mixed(first: str, last: str, share: float) -> tuple[float, float, float]:
+    red, green, blue = (a + share * (b - a) for a, b in zip(rgb(first), rgb(last), strict=True))
+    return red, green, blue
+
+
+MAX_LINES = 10  # more lines would hide each other
+# Sizes in pixels. LABEL is the height of the label of a line, PICTURE the side of its picture.
+WIDTH, HEIGHT = 1240, 480
+LEFT, BOTTOM, RIGHT = 92, 84, 330
+LABEL, PICTURE = 84, 80
+# The curve of an aspect, or the common curve of several aspects that look the same.
+Line = tuple[RetentionCurve, tuple[Aspect, ...]]
+
+
+def retention_lines(curves: Sequence[RetentionCurve], aspects: AspectSet) -> list[Line]:
+    """Return a line for each symmetry class with a curve, in the order of the ids.
+
+    The counts of curves of the same class are added up if they have the same lift heights.
+    """
+    lines: list[Line] = []
+    for curve in curves:
+        aspect = aspects[curve.aspect - 1]
+        for k, (one, members) in enumerate(lines):
+            alike = members[0].symmetry_class == aspect.symmetry_class
+            if alike and one.lift.shape == curve.lift.shape and np.allclose(one.lift, curve.lift):
+                left, parts = one.left + curve.left, one.parts + curve.parts
+                lines[k] = dataclasses.replace(one, left=left, parts=parts), (*members, aspect)
+                break
+        else:
+            lines.append((curve, (aspect,)))
+    return lines
+
+
+def retention_figure(
+    curves: Sequence[RetentionCurve], aspects: AspectSet, part: Part | None, title: str
+) -> 'Figure':
+    """Plot the probability to leave each aspect against the lift height, with intervals as bands.
+
+    Dashed vertical lines are the barriers. Curves of the same symmetry class and the same lift
+    heights are one line. Of more than MAX_LINES, those of the classes with the largest basins are
+    shown. Without a title, the figure has no explanation either; see retention_note.
+    """
+    lines = retention_lines(curves, aspects)
+    basins = [sum(aspect.basin_share for aspect in members) for _, members in lines]
+    largest = sorted(range(len(lines)), key=lambda k: -basins[k])[:MAX_LINES]
+    shown = [lines[k] for k in sorted(largest)]
+    header = Header(title, retention_note(curves, aspects) if title else '', WIDTH)
+    room = max(HEIGHT, LABEL * len(shown))
+    height = BOTTOM + room + header.height + 24
+    figure, canvas = pixel_axes(WIDTH, height)
+    header.draw(canvas)
+    axes = figure.add_axes(
+        (LEFT / WIDTH, BOTTOM / height, (WIDTH - LEFT - RIGHT) / WIDTH, room / height)
+    )
+    top = _draw_lines(axes, shown)
+    _set_axes(axes, shown, top)
+    ends = [BOTTOM + room * float(curve.probability[-1]) / top for curve, _ in shown]
+    images = row_images(part, [members for _, members in shown], PICTURE)
+    order = sorted(range(len(ends)), key=lambda k: ends[k])
+    low, high = BOTTOM + LABEL / 2, BOTTOM + room - LABEL / 2
+    places = labels_apart(np.array([ends[k] for k in order]), LABEL, low, high)
+    for k, y in zip(order, places.tolist(), strict=True):
+        _write_label(canvas, shown[k], images[k] if images else None, ends[k], y)
+    return figure
+
+
+def retention_note(curves: Sequence[RetentionCurve], aspects: AspectSet) -> str:
+    """Return the text that explains the figure."""
+    count = len(retention_lines(curves, aspects))
+    confidence = f'{100 * curves[0].confidence:g} %'
+    note = (
+        'Probability that a part leaves its aspect after a disturbance whose energy would lift '
+        f'its centre of mass by this height. Bands: {confidence} intervals (Wilson). '
+        'Dashed: barrier, the minimum lift height with which the part can leave the aspect.'
+    )
+    if count > MAX_LINES:
+        note += f' The {MAX_LINES} of {count} curves with the largest basins are shown.'
+    return note
+
+
+def _draw_lines(axes: 'Axes', shown: Sequence[Line]) -> float:
+    """Draw lines, bands and barriers, and return the end of the probability axis."""
+    top = 0.0
+    for curve, members in shown:
+        lift, colour = 1000 * curve.lift, aspect_colour(members[0])
+        lower, upper = curve.bounds()
+        axes.fill_between(lift, lower, upper, color=colour, alpha=0.22, linewidth=0)
+        axes.plot(lift, curve.probability, '.-', markersize=5, color=colour, linewidth=1.8)
+        if np.isfinite(curve.barrier):
+            barrier = 1000 * curve.barrier
+            axes.axvline(barrier, color=colour, linewidth=1.3, linestyle='--', zorder=1.5)
+        top = max(top, float(upper.max()))
+    return min(1.1 * top, 1.0)
+
+
+def _set_axes(axes: 'Axes', shown: Sequence[Line], top: float) -> None:
+    from matplotlib.ticker import LogLocator
+
+    low = 900 * min(float(curve.lift[0]) for curve, _ in shown)
+    high = 1000 * max(float(curve.lift[-1]) for curve, _ in shown)
+    plain_axes(axes, 'y')
+    axes.tick_params(axis='x', pad=9)
+    axes.set_xscale('log')
+    locator = LogLocator(subs=(1.0, 2.0, 5.0))
+    axes.set_xlim(low, high)
+    axes.set_xticks([lift for lift in locator.tick_values(low, high) if low <= lift <= high])
+    axes.minorticks_off()
+    axes.xaxis.set_major_formatter(lambda lift, _: f'{lift:g}')
+    axes.set_ylim(0, top)
+    percent_axis(axes, 'y', top)
+    axes.set_xlabel('lift height (mm)', size=8, color=FAINT, labelpad=8)
+
+
+def _write_label(canvas: 'Axes', line: Line, image: Image | None, end: float, y: float) -> None:
+    """Write name and barrier at the height ``y``, linked with the end of the line."""
+    curve, members = line
+    right = WIDTH - RIGHT
+    x = right + 40
+    link = [right + 4, right + 14, x - 6, x], [end, end, y, y]
+    canvas.plot(*link, color=aspect_colour(members[0]), linewidth=1.2)
+    if image is not None:
+        draw_image(canvas, image, x + 6 + PICTURE / 2, y)
+        x += PICTURE + 8
+    barrier = curve.barrier
+    text = f'barrier {millimetres_text(barrier)} mm' if np.isfinite(barrier) else 'no barrier'
+    name = textwrap.fill(aspects_text(members), 16)
+    canvas.text(x + 6, y + 2, name, size=8.5, weight='bold', color=TEXT, va='bottom')
+    canvas.text(x + 6, y - 4, text, size=7.5, color=FAINT, va='top')

@@ -59,8 +59,6 @@ def subscribe(
 ) -> Subscription:
     """Return a subscription that ignores a message for which ``callback`` raises; logs the error.
 
-    Parameters
-    ----------
     callback : function or coroutine function
     raw : bool
         Whether ``callback`` is called with the bytes of the message.
@@ -139,13 +137,13 @@ def guarded(node: Node, failure: str, callback: Callable[..., object]) -> Callab
     failure : str
         Beginning of the log line: the consequence of an exception.
     """
-    report = _reporter(node, failure)
+    logger = _logger(node, failure)  # a reference to the node would keep it alive
 
     def guarded_callback(*arguments: Any) -> None:
         try:
             callback(*arguments)
         except Exception as error:  # noqa: BLE001 - the edge: nothing that comes in ends the node
-            report(error)
+            _report(logger, failure, error)
 
     return guarded_callback
 
@@ -154,13 +152,13 @@ def guarded_task(
     node: Node, failure: str, function: Callable[..., Awaitable[None]]
 ) -> Callable[..., Awaitable[None]]:
     """Return a guarded coroutine function, which the executor runs as a task; see ``guarded``."""
-    report = _reporter(node, failure)
+    logger = _logger(node, failure)
 
     async def task(*arguments: Any) -> None:
         try:
             await function(*arguments)
         except Exception as error:  # noqa: BLE001 - the edge: an exception of a task ends the node
-            report(error)
+            _report(logger, failure, error)
 
     return task
 
@@ -173,12 +171,10 @@ def start_task(
     node.executor.create_task(guarded_task(node, failure, function), *arguments)
 
 
-def steady_timer(
-    node: Node, seconds: float, callback: Callable[[], object], group: CallbackGroup | None = None
-) -> Timer:
+def steady_timer(node: Node, seconds: float, callback: Callable[[], object]) -> Timer:
     """Return a timer on the steady clock, which does not depend on simulated time."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
-    return node.create_timer(seconds, callback, group, clock)
+    return node.create_timer(seconds, callback, clock=clock)
 
 
 class WorkTimer:
@@ -222,26 +218,20 @@ def _qos_override_errors(node: Node, topic: str) -> Iterator[None]:
         ) from None
 
 
-def _reporter(node: Node, failure: str) -> Callable[[Exception], None]:
-    """Return a function that logs errors with a beginning, at most one within LOG_PERIOD."""
+def _logger(node: Node, failure: str) -> RcutilsLogger:
     loggers = _LOGGERS.setdefault(node, {})
-    logger = loggers.setdefault(failure, get_logger(node.get_logger().name))
-
-    def report(error: Exception) -> None:
-        known = isinstance(error, RestingAspectsError)
-        text = str(error) if known else f'unexpected error {error!r}'
-        logger.error(f'{failure}: {text}', throttle_duration_sec=LOG_PERIOD)
-
-    return report
+    return loggers.setdefault(failure, get_logger(node.get_logger().name))
 
 
-async def wait_for(
-    node: Node, future: Future, seconds: float, group: CallbackGroup | None = None
-) -> bool:
-    """Wait until a future is done, up to a timeout; return whether it is done.
+def _report(logger: RcutilsLogger, failure: str, error: Exception) -> None:
+    """Log an error with a beginning, at most one within LOG_PERIOD."""
+    known = isinstance(error, RestingAspectsError)
+    text = str(error) if known else f'unexpected error {error!r}'
+    logger.error(f'{failure}: {text}', throttle_duration_sec=LOG_PERIOD)
 
-    group : callback group of the timer; None: the group of the node
-    """
+
+async def wait_for(node: Node, future: Future, seconds: float) -> bool:
+    """Wait until a future is done, up to a timeout; return whether it is done."""
     if future.done():
         return True
     done_or_timeout = Future(executor=node.executor)
@@ -250,7 +240,7 @@ async def wait_for(
         _finish(done_or_timeout)
 
     future.add_done_callback(finish)
-    timer = steady_timer(node, seconds, lambda: _finish(done_or_timeout), group)
+    timer = steady_timer(node, seconds, lambda: _finish(done_or_timeout))
     try:
         await done_or_timeout
     finally:
@@ -260,7 +250,7 @@ async def wait_for(
 
 
 async def sleep_for(node: Node, seconds: float) -> None:
-    """Wait for a duration on the steady clock."""
+    """Wait on the steady clock."""
     await wait_for(node, Future(executor=node.executor), seconds)
 
 

@@ -1,18 +1,21 @@
 """Conversions between the types of the suite and ROS messages."""
 
 from array import array
-from collections.abc import Iterable
-from dataclasses import fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Inertia, Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Inertia, Point, Point32, Polygon, Pose, Quaternion, Vector3
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import (
     DropConditions,
+    Outline,
+    PartCandidate,
     PartDescription,
+    PartOutlines,
     RunDescription,
     SurroundingsBody,
     SurroundingsDescription,
@@ -23,9 +26,11 @@ from shape_msgs.msg import Mesh, MeshTriangle, Plane
 from std_msgs.msg import Header
 
 from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.errors import InvalidValueError, one_line, shown
 from resting_aspects_ros.part.loading import FORMATS, part_from_bytes
 from resting_aspects_ros.part.part import Part, is_valid_name
+from resting_aspects_ros.report.outlines import polygon_fields
 from resting_aspects_ros.ros.interface import FRAME
 from resting_aspects_ros.simulation import conditions as drop_conditions
 from resting_aspects_ros.simulation.conditions import check_drops
@@ -35,6 +40,9 @@ from resting_aspects_ros.simulation.scene import Block, HalfSpace, MeshBody, Sce
 from resting_aspects_ros.simulation.surroundings import Surroundings, described_surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface, mesh_file
 from resting_aspects_ros.statistics.poses import RestingPoses
+from resting_aspects_ros.vision import outline as part_outline
+from resting_aspects_ros.vision.outline import LookAlike
+from resting_aspects_ros.vision.rolling import Candidate
 
 NANOSECONDS = 1_000_000_000
 # Maximum number of drops in a message with poses.
@@ -52,14 +60,20 @@ POSE_COLUMNS = {
 INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # Fields of a message with the texts of a mesh surface.
 _MESH_FIELDS = {'mesh': 'mesh', 'unit': 'mesh_unit', 'mesh_sha256': 'mesh_sha256'}
-# Corners of the unit cube, and its triangles, which point outward.
-_CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-_FACES = (
-    *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)),
-    *((2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)),
-)
-# Fields with the same name and type in RunDescription and its message.
-_RUN_FIELDS = {field.name for field in fields(Run)} - {'conditions', 'started'}
+
+
+def shared(source: object, kind: Any) -> dict[str, Any]:
+    """Return the values of an object whose names are fields of a message type or a dataclass.
+
+    Types and messages of the suite use the same names. What has another type in the message is
+    replaced by the caller.
+    """
+    names = (
+        [each.name for each in fields(kind)]
+        if is_dataclass(kind)
+        else list(kind.get_fields_and_field_types())
+    )
+    return {name: getattr(source, name) for name in names if hasattr(source, name)}
 
 
 def time_msg(nanoseconds: int) -> Time:
@@ -74,13 +88,10 @@ def nanoseconds(stamp: Time) -> int:
 
 def conditions_msg(conditions: drop_conditions.DropConditions) -> DropConditions:
     """Return the message for conditions."""
-    values = {name: getattr(conditions, name) for name in drop_conditions.QUANTITIES}
-    return DropConditions(
-        surface=conditions.surface,
-        height_of=int(conditions.height_of),
-        surroundings=surroundings_msg(conditions.surroundings),
-        **values,
-    )
+    values = shared(conditions, DropConditions)
+    values['height_of'] = int(conditions.height_of)
+    values['surroundings'] = surroundings_msg(conditions.surroundings)
+    return DropConditions(**values)
 
 
 def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
@@ -88,13 +99,9 @@ def conditions_from(msg: DropConditions) -> drop_conditions.DropConditions:
 
     A mesh surface has no mesh: a node that only counts poses does not need it.
     """
-    values = {name: getattr(msg, name) for name in drop_conditions.QUANTITIES}
-    return drop_conditions.DropConditions(
-        surface=msg.surface,
-        height_of=msg.height_of,
-        surroundings=surroundings_of(msg.surroundings),
-        **values,
-    )
+    values = shared(msg, drop_conditions.DropConditions)
+    values['surroundings'] = surroundings_of(msg.surroundings)
+    return drop_conditions.DropConditions(**values)
 
 
 def surroundings_msg(found: Surroundings | None) -> SurroundingsMsg:
@@ -138,10 +145,9 @@ def surroundings_of(msg: SurroundingsMsg) -> Surroundings | None:
 
 def run_msg(run: Run) -> RunDescription:
     """Return the message for the description of a run."""
-    same = {name: getattr(run, name) for name in _RUN_FIELDS}
-    return RunDescription(
-        conditions=conditions_msg(run.conditions), started=time_msg(run.started), **same
-    )
+    values = shared(run, RunDescription)
+    values |= {'conditions': conditions_msg(run.conditions), 'started': time_msg(run.started)}
+    return RunDescription(**values)
 
 
 def run_from(msg: RunDescription) -> Run:
@@ -155,10 +161,9 @@ def run_from(msg: RunDescription) -> Run:
         )
     check_drops(msg.drops)
     check_first_drop(msg.first_drop, msg.drops)
-    same = {name: getattr(msg, name) for name in _RUN_FIELDS}
-    return Run(
-        conditions=conditions_from(msg.conditions), started=nanoseconds(msg.started), **same
-    )
+    values = shared(msg, Run)
+    values |= {'conditions': conditions_from(msg.conditions), 'started': nanoseconds(msg.started)}
+    return Run(**values)
 
 
 def poses_msgs(
@@ -172,7 +177,7 @@ def poses_msgs(
     messages = []
     for first in range(poses.first_drop, max(poses.end, poses.first_drop + 1), MAX_POSES):
         piece = poses.between(first, first + MAX_POSES)
-        columns = {name: _column(getattr(piece, name)) for name in POSE_COLUMNS}
+        columns = {name: column(getattr(piece, name)) for name in POSE_COLUMNS}
         messages.append(
             RestingPosesMsg(header=header, run=described, first_drop=piece.first_drop, **columns)
         )
@@ -180,9 +185,10 @@ def poses_msgs(
     return messages
 
 
-def _column(values: npt.NDArray[Any]) -> 'array[Any]':
-    """Return the buffer of an array; rclpy checks every element of anything else."""
-    column: array[Any] = array('B' if values.dtype == np.uint8 else 'd')
+def column(values: npt.NDArray[Any]) -> 'array[Any]':
+    """Return the values of an array in order; rclpy checks every element of anything else."""
+    types = {'uint8': 'B', 'int64': 'Q', 'float64': 'd'}
+    column: array[Any] = array(types[values.dtype.name])
     column.frombytes(np.ascontiguousarray(values).tobytes())
     return column
 
@@ -195,6 +201,11 @@ def xyz(vector: Array) -> dict[str, float]:
 def quaternion_msg(xyzw: Iterable[float]) -> Quaternion:
     """Return the message for a quaternion (4,)."""
     return Quaternion(**dict(zip('xyzw', map(float, xyzw), strict=True)))
+
+
+def xyzw(msg: Quaternion) -> Array:
+    """Return the quaternion (4,) in a message."""
+    return np.array([msg.x, msg.y, msg.z, msg.w])
 
 
 def pose_msg(position: Array, orientation: Array) -> Pose:
@@ -305,7 +316,7 @@ def surroundings_from_msg(message: SurroundingsDescription) -> Surroundings:
     mesh = mesh_file(bytes(message.mesh), shape.mesh, label)
     if mesh.sha256 != shape.mesh_sha256:
         raise InvalidValueError(f'invalid {label}: expected the hash {shown(shape.mesh_sha256)}')
-    return replace(found, shape=replace(shape, file=mesh))
+    return found.with_mesh(mesh)
 
 
 def serialized_surroundings(data: bytes) -> Surroundings:
@@ -344,18 +355,15 @@ def _body_msg(scene: Scene, body: SceneBody) -> SurroundingsBody:
     return message
 
 
-def triangles_in_tray(scene: Scene, body: SceneBody) -> Array:
-    """Return the triangles (m, 3, 3) of a block or a mesh in the tray frame, m."""
-    vertices, triangles = _surface(body)
-    return scene.in_tray(vertices)[triangles]
-
-
 def _surface(body: SceneBody) -> tuple[Array, npt.NDArray[np.int64]]:
     """Return vertices, scene frame, and triangles of a block or a mesh."""
     if isinstance(body, MeshBody):
         return body.vertices, body.triangles
+    import trimesh  # takes half a second; most surroundings are half-spaces
+
     assert isinstance(body, Block)
-    return body.low + (body.high - body.low) * _CORNERS, np.array(_FACES)
+    box = trimesh.creation.box(bounds=(body.low, body.high))
+    return np.asarray(box.vertices), np.asarray(box.faces)
 
 
 def _mesh_msg(scene: Scene, body: SceneBody) -> Mesh:
@@ -368,3 +376,80 @@ def _mesh_msg(scene: Scene, body: SceneBody) -> Mesh:
             for triangle in triangles.tolist()
         ],
     )
+
+
+# -- outlines and identified parts ----------------------------------------------------------------
+
+
+# By the verdict of a LookAlike.
+VERDICTS = {
+    'distinct': Outline.DISTINCT,
+    'same': Outline.SAME,
+    'mirrored': Outline.MIRRORED,
+}
+
+
+def outlines_msg(
+    part: Part,
+    outlines: Sequence[part_outline.Outline],
+    look_alikes: Mapping[int, Sequence[LookAlike]],
+) -> PartOutlines:
+    """Return the message for the outlines of a part.
+
+    look_alikes : by symmetry class, the comparisons with the outlines of the other classes
+    """
+    return PartOutlines(
+        part=part.name,
+        part_sha256=part.part_sha256,
+        aspect_numbering=ASPECT_NUMBERING,
+        outlines=[_outline_msg(each, look_alikes[each.symmetry_class]) for each in outlines],
+    )
+
+
+def _outline_msg(outline: part_outline.Outline, others: Sequence[LookAlike]) -> Outline:
+    x, y = outline.centroid.tolist()
+    family = [polygon_msgs(each) for each in outline.family]
+    values = shared(outline, Outline) | polygon_msgs(outline.polygon)
+    values |= {
+        'orientation': quaternion_msg(outline.orientation),
+        'centroid': Point(x=x, y=y),
+        'family': [each['outer'] for each in family],
+        'family_holes': [hole for each in family for hole in each['holes']],
+        'family_hole_of': [k for k, each in enumerate(family) for _ in each['holes']],
+        'other_class': [each.symmetry_class for each in others],
+        'other_overlap': [each.overlap for each in others],
+        'other_resolution': [each.resolution for each in others],
+        'other_verdict': [VERDICTS[each.verdict] for each in others],
+    }
+    return Outline(**values)
+
+
+def polygon_msgs(polygon: Any) -> dict[str, Any]:
+    """Return the fields ``outer`` and ``holes`` of a shapely.Polygon; coordinates have 32 bits."""
+    rings: dict[str, Any] = polygon_fields(polygon)
+    return {'outer': _ring_msg(rings['outer']), 'holes': [_ring_msg(r) for r in rings['holes']]}
+
+
+def polygon_from(outer: Polygon, holes: Iterable[Polygon]) -> dict[str, Any]:
+    """Return the boundaries as `observed_polygon` accepts them; they are not checked."""
+    return {'outer': _ring(outer), 'holes': [_ring(each) for each in holes]}
+
+
+def candidate_msg(candidate: Candidate) -> PartCandidate:
+    """Return the message for a candidate of an identification."""
+    poses = candidate.poses
+    values = shared(candidate, PartCandidate) | {
+        'poses': [pose_msg(each.position, each.orientation) for each in poses],
+        'pose_aspects': [each.aspect for each in poses],
+        'yaw_known': all(each.yaw_known for each in poses),
+    }
+    return PartCandidate(**values)
+
+
+def _ring_msg(points: Iterable[tuple[float, float]]) -> Polygon:
+    return Polygon(points=[Point32(x=x, y=y) for x, y in points])
+
+
+def _ring(polygon: Polygon) -> Array:
+    points = np.array([(p.x, p.y) for p in polygon.points], dtype=np.float64)
+    return points.reshape(-1, 2)

@@ -1,18 +1,17 @@
 """Conversions between counted parts, what follows from them, and ROS messages."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import ObservedCounts as ObservedCountsMsg
 from resting_aspects_interfaces.msg import Posterior
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.compare import MachineTransitions, machine_transitions
 from resting_aspects_ros.api.counts import single_groups
-from resting_aspects_ros.arrays import Array, Counts
+from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.report.drift import drift_sentence
 from resting_aspects_ros.report.format import points_text
@@ -57,9 +56,9 @@ def totals_from(msg: ObservedCountsMsg, part: str, part_sha256: str) -> Totals:
 
 
 def observed_from(
-    messages: Iterable[tuple[int, bytes]], source: str, ids: Sequence[int]
+    messages: Iterable[tuple[int, ObservedCountsMsg]], source: str, ids: Sequence[int]
 ) -> ObservedCounts:
-    """Return the parts that serialized messages on observed_counts/<part> count.
+    """Return the parts that messages on observed_counts/<part> count.
 
     Each message is a batch with the parts since the last one of its session; messages that are
     not valid are left out, as aspect_classifier does.
@@ -71,8 +70,7 @@ def observed_from(
     sessions = CountSessions(len(ids))
     batches: list[Counts] = []
     labels: list[str] = []
-    for time, data in messages:
-        msg = deserialize_message(data, ObservedCountsMsg)
+    for time, msg in messages:
         totals = totals_from(msg, msg.part, '')
         try:
             new = sessions.add(totals, time)
@@ -158,48 +156,30 @@ def add_action(
     run_id : str
         Run of the simulated transitions; empty if they are not known.
     """
-    ids = [members[0].symmetry_class for members in simulated.aspects.classes()]
-    rows = [(ids[i], ids[j], int(counts[i, j])) for i in range(len(ids)) for j in range(len(ids))]
-    found = machine_transitions(rows, simulated)
-    columns = {
-        'actions': [action],
-        'action_run_ids': [run_id],
-        'action_messages': [_difference_text(found) if run_id else ''],
-        'moved': counts.ravel().tolist(),
-        **_shares(found.machine, ('moved_probability', 'moved_lower', 'moved_upper')),
-        **_shares(
-            found.simulated,
-            ('simulated_probability', 'simulated_lower', 'simulated_upper'),
-            known=bool(run_id),
-        ),
-    }
-    for name, values in columns.items():
-        getattr(message, name).extend(values)
-
-
-def _shares(
-    matrix: TransitionMatrix, names: tuple[str, ...], *, known: bool = True
-) -> Mapping[str, list[float]]:
-    """Return the probabilities and bounds from class to class by the names of fields."""
-    count = len(matrix.counts)
-    lower, upper = matrix.bounds()
-    arrays: tuple[Array, ...] = (matrix.probability, lower, upper)
-    if not known:
-        arrays = (np.full((count, count), np.nan),) * 3
-    return {
-        name: each[:, :count].ravel().tolist() for name, each in zip(names, arrays, strict=True)
-    }
+    found = machine_transitions(counts, simulated)
+    message.actions.append(action)
+    message.action_run_ids.append(run_id)
+    message.action_messages.append(_difference_text(found) if run_id else '')
+    message.moved.extend(counts.ravel().tolist())
+    for name, matrix in (('moved', found.machine), ('simulated', found.simulated)):
+        values = np.stack([matrix.probability, *matrix.bounds()])[:, :, : len(counts)]
+        if name == 'simulated' and not run_id:
+            values[:] = np.nan
+        for field, each in zip(('probability', 'lower', 'upper'), values, strict=True):
+            getattr(message, f'{name}_{field}').extend(each.ravel().tolist())
 
 
 def _difference_text(found: MachineTransitions) -> str:
     """Return the pair of classes that differs most from the simulation, in words; or ''."""
-    differing = [each for each in found.comparisons if each.lower > 0 or each.upper < 0]
-    if not differing:
+    differing = (found.lower > 0) | (found.upper < 0)
+    if not differing.any():
         return ''
-    most = max(differing, key=lambda each: abs(each.difference))
+    size = np.where(differing, np.abs(found.difference), 0)
+    i, j = divmod(int(size.argmax()), len(size))
+    measured, simulated = (each.probability[i, j] for each in (found.machine, found.simulated))
+    points = points_text(found.difference[i, j], found.lower[i, j], found.upper[i, j])
     return (
-        f'{100 * most.measured.probability:.0f} % of class {most.before} come to class '
-        f'{most.after} instead of {100 * most.simulated.probability:.0f} %: '
-        f'{points_text(most.difference, most.lower, most.upper)} points '
-        f'({100 * most.confidence:g} % interval of this pair)'
+        f'{100 * measured:.0f} % of class {i + 1} come to class {j + 1} instead of '
+        f'{100 * simulated:.0f} %: {points} points '
+        f'({100 * found.simulated.confidence:g} % interval of this pair)'
     )

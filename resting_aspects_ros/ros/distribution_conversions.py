@@ -2,16 +2,14 @@
 
 import dataclasses
 import math
-from array import array
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point32, Polygon, Vector3
 from rclpy.serialization import deserialize_message
+from resting_aspects_interfaces.msg import Aspect as AspectMsg
 from resting_aspects_interfaces.msg import (
-    Aspect,
     AspectDistribution,
     ContactShare,
     FeederAction,
@@ -22,16 +20,23 @@ from std_msgs.msg import Header
 
 from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.aspects import aspect_set
-from resting_aspects_ros.aspects.aspect_set import AspectSet, Sweep
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet, Sweep
 from resting_aspects_ros.aspects.estimate import Estimate
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.aspects.support import CORNER
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.conversions import quaternion_msg, run_from, run_msg, xyz
+from resting_aspects_ros.report.document import share_fields
+from resting_aspects_ros.ros.conversions import (
+    column,
+    quaternion_msg,
+    run_from,
+    run_msg,
+    shared,
+    xyz,
+    xyzw,
+)
 from resting_aspects_ros.ros.interface import FRAME
-from resting_aspects_ros.rotations import LENGTH_TOLERANCE
 from resting_aspects_ros.simulation.actions import (
     DEFAULT_TIME,
     KINDS,
@@ -52,184 +57,137 @@ from resting_aspects_ros.statistics.transitions import OUTCOMES, TransitionMatri
 
 # Indexed by their codes in the message Aspect.
 SWEEPS = (Sweep.POINT, Sweep.ARC, Sweep.RING, Sweep.DOME, Sweep.SPHERE)
-# Fields with the same name and type in Aspect and its message.
-_ASPECT_FIELDS = tuple(
-    each.name
-    for each in dataclasses.fields(aspect_set.Aspect)
-    if each.repr and each.type in (bool, int, float)
-)
 
 
-def share_fields(counts: list[int], intervals: Sequence[Interval]) -> list[dict[str, object]]:
-    """Return the fields of shares: counts of drops, and the intervals of their probabilities."""
+def _shares(distribution: Distribution) -> list[dict[str, object]]:
+    """Return the fields of the shares of the aspects, with their model ranges."""
+    counts = distribution.counts.tolist()
     return [
-        {'count': k, 'probability': i.probability, 'lower': i.lower, 'upper': i.upper}
-        for k, i in zip(counts, intervals, strict=True)
-    ]
-
-
-def ranged_fields(distribution: Distribution) -> list[dict[str, object]]:
-    """Return the fields of the shares of a distribution, with its model range."""
-    shares = share_fields(distribution.counts.tolist(), distribution.intervals())
-    return [
-        share | _model_fields(model)
-        for share, model in zip(shares, distribution.model_intervals(), strict=True)
+        share_fields(count, interval) | _model_fields(model)
+        for count, interval, model in zip(
+            counts, distribution.intervals(), distribution.model_intervals(), strict=True
+        )
     ]
 
 
 def _model_fields(model: Interval | None = None) -> dict[str, object]:
     """Return the fields of a model range; 0 and 1 if it is not known."""
-    if model is None:
-        return {'model_lower': 0.0, 'model_upper': 1.0}
-    return {'model_lower': model.lower, 'model_upper': model.upper}
+    lower, upper = (0.0, 1.0) if model is None else (model.lower, model.upper)
+    return {'model_lower': lower, 'model_upper': upper}
 
 
-def aspect_msgs(aspects: AspectSet, shares: Sequence[Mapping[str, object]]) -> list[Aspect]:
+def _aspect_msgs(aspects: AspectSet, shares: Sequence[Mapping[str, object]]) -> list[AspectMsg]:
     """Return the messages for aspects with the fields of their shares."""
-    return [
-        Aspect(**_aspect_fields(aspect), **share)
-        for aspect, share in zip(aspects, shares, strict=True)
-    ]
+    messages = []
+    for aspect, share in zip(aspects, shares, strict=True):
+        values = (
+            shared(aspect, AspectMsg)
+            | dict(share)
+            | {
+                'sweep': SWEEPS.index(aspect.sweep),
+                'axis': Vector3(**xyz(aspect.axis)),
+                'down_in_part': Vector3(**xyz(aspect.down_in_part)),
+                'orientation': quaternion_msg(aspect.orientation),
+                'support': Polygon(points=[Point32(x=x, y=y) for x, y in aspect.support.tolist()]),
+            }
+        )
+        messages.append(AspectMsg(**values))
+    return messages
 
 
-def _aspect_fields(aspect: aspect_set.Aspect) -> dict[str, object]:
-    points = [Point32(x=x, y=y) for x, y in aspect.support.tolist()]
-    return {
-        **{name: getattr(aspect, name) for name in _ASPECT_FIELDS},
-        'sweep': SWEEPS.index(aspect.sweep),
-        'axis': Vector3(**xyz(aspect.axis)),
-        'down_in_part': Vector3(**xyz(aspect.down_in_part)),
-        'orientation': quaternion_msg(aspect.orientation),
-        'support': Polygon(points=points),
-    }
-
-
-def aspects_from(part_sha256: str, msgs: Iterable[Aspect]) -> AspectSet:
+def _aspects_from(part_sha256: str, msgs: Iterable[AspectMsg]) -> AspectSet:
     """Return the aspects of a version of a part; raises InvalidValueError for an invalid code."""
     return AspectSet(part_sha256, tuple(_aspect_from(msg) for msg in msgs))
 
 
-def _aspect_from(msg: Aspect) -> aspect_set.Aspect:
+def _aspect_from(msg: AspectMsg) -> Aspect:
     if msg.sweep >= len(SWEEPS):
         raise InvalidValueError(
             f'invalid sweep {msg.sweep} of aspect {msg.id}: expected 0 to {len(SWEEPS) - 1}'
         )
-    return aspect_set.Aspect(
-        **{name: getattr(msg, name) for name in _ASPECT_FIELDS},
-        sweep=SWEEPS[msg.sweep],
-        axis=_vector(msg.axis),
-        down_in_part=_vector(msg.down_in_part),
-        orientation=np.array([getattr(msg.orientation, axis) for axis in 'xyzw']),
-        support=np.array([(p.x, p.y) for p in msg.support.points]).reshape(-1, 2),
+    values = shared(msg, Aspect)
+    values |= {
+        'sweep': SWEEPS[msg.sweep],
+        'axis': _vector(msg.axis),
+        'down_in_part': _vector(msg.down_in_part),
+        'orientation': xyzw(msg.orientation),
+        'support': np.array([(p.x, p.y) for p in msg.support.points]).reshape(-1, 2),
         # The message does not contain the flat sides that approximate a curved side, since
         # nothing is classified with the result.
-        directions=_vector(msg.down_in_part)[None],
-        links=np.zeros((0, 2), dtype=np.int64),
-    )
+        'directions': _vector(msg.down_in_part)[None],
+        'links': np.zeros((0, 2), dtype=np.int64),
+    }
+    return Aspect(**values)
 
 
 def _vector(msg: Vector3) -> Array:
     return np.array([msg.x, msg.y, msg.z])
 
 
-def contact_msgs(distribution: Distribution) -> list[ContactShare]:
+def _contact_msgs(distribution: Distribution) -> list[ContactShare]:
     """Return a message for each placement, the most frequent first; none without contacts."""
     contacts = distribution.contacts
     if contacts is None:
         return []
-    rows = contacts.sorted_rows(distribution.interval, distribution.confidence)
-    shares = share_fields([placement.count for placement, _ in rows], [each for _, each in rows])
     return [
         ContactShare(
             planes=list(contacts.planes),
             contacts=list(placement.contacts),
             symmetry_class=placement.symmetry_class,
             orientation=quaternion_msg(placement.orientation),
-            **share,
+            **share_fields(placement.count, interval),
         )
-        for (placement, _), share in zip(rows, shares, strict=True)
+        for placement, interval in contacts.sorted_rows(
+            distribution.interval, distribution.confidence
+        )
     ]
 
 
-def contacts_from(msg: AspectDistribution) -> Placements | None:
-    """Return the placements in a message, the most frequent first; None if it has none.
-
-    Raises InvalidValueError if they are inconsistent with the counts of the aspects.
-    """
+def _contacts_from(msg: AspectDistribution) -> Placements | None:
+    """Return the placements in a message, the most frequent first; None if it has none."""
     if not msg.contacts:
         return None
+    placements = [
+        Placement(
+            tuple(map(int, each.contacts)),
+            xyzw(each.orientation),
+            int(each.count),
+            int(each.symmetry_class),
+        )
+        for each in msg.contacts
+    ]
     planes = tuple(msg.contacts[0].planes)
-    settled = sum(each.count for each in msg.aspects) + msg.unclassified
-    counted = sum(each.count for each in msg.contacts) + msg.contacts_uncounted
-    if counted != settled:
+    codes = [code for each in placements for code in each.contacts]
+    allowed = range(CORNER, len(msg.aspects) + 1)
+    if len(codes) != len(planes) * len(placements) or not set(codes) <= set(allowed):
         raise InvalidValueError(
-            f'invalid contacts of run {msg.run.run_id}: expected {settled} drops at rest; they '
-            f'have {counted}'
+            f'invalid contacts of run {msg.run.run_id}: expected a code from {CORNER} to '
+            f'{len(msg.aspects)} for each of {list(planes)}'
         )
-    return Placements(
-        planes,
-        [_placement(each, planes, len(msg.aspects)) for each in msg.contacts],
-        drops=msg.drops,
-        uncounted=msg.contacts_uncounted,
-    )
-
-
-def _placement(msg: ContactShare, planes: tuple[str, ...], aspects: int) -> Placement:
-    contacts = tuple(int(code) for code in msg.contacts)
-    if (
-        tuple(msg.planes) != planes
-        or len(contacts) != len(planes)
-        or not all(CORNER <= code <= aspects for code in contacts)
-    ):
-        raise InvalidValueError(
-            f'invalid contacts {list(contacts)} with {list(msg.planes)}: expected a code from '
-            f'{CORNER} to {aspects} for each of {list(planes)}'
-        )
-    orientation = np.array([getattr(msg.orientation, axis) for axis in 'xyzw'])
-    if not abs(math.hypot(*orientation) - 1) <= LENGTH_TOLERANCE:
-        raise InvalidValueError(
-            f'invalid orientation {orientation.tolist()} of contacts: expected a unit quaternion'
-        )
-    return Placement(contacts, orientation, int(msg.count), int(msg.symmetry_class))
+    return Placements(planes, placements, msg.drops, msg.contacts_uncounted)
 
 
 def distribution_msg(
     distribution: Distribution, run: Run, stamp: Time, complete: bool, frame: str = FRAME
 ) -> AspectDistribution:
     """Return the message for a distribution over all aspects of the part, seen or not."""
-    return AspectDistribution(
-        header=Header(stamp=stamp, frame_id=frame),
-        run=run_msg(run),
-        aspect_numbering=ASPECT_NUMBERING,
-        method=METHOD,
-        confidence=distribution.confidence,
-        interval=distribution.interval,
-        drops=distribution.drops,
-        unclassified=distribution.unclassified,
-        unsettled=distribution.unsettled,
-        failed=distribution.failed,
-        lost=distribution.lost,
-        sliding=distribution.sliding,
-        energy_growth=distribution.energy_growth,
-        contacts=contact_msgs(distribution),
-        contacts_uncounted=distribution.contacts.uncounted if distribution.contacts else 0,
-        complete=complete,
-        aspects=aspect_msgs(distribution.aspects, ranged_fields(distribution)),
-        **_class_fields(distribution),
-    )
-
-
-def _class_fields(distribution: Distribution) -> dict[str, object]:
-    """Return the fields of the model ranges of classes; 0 and 1 if they are not known."""
-    model, number = distribution.model, len(distribution.aspects.classes())
-    if model is None:
-        return {'class_model_lower': [0.0] * number, 'class_model_upper': [1.0] * number}
-    lower, upper = model.by_class.T.tolist()
-    return {
-        'model_uncertain': model.uncertain,
-        'class_model_lower': lower,
-        'class_model_upper': upper,
+    values = shared(distribution, AspectDistribution) | {
+        'header': Header(stamp=stamp, frame_id=frame),
+        'run': run_msg(run),
+        'aspect_numbering': ASPECT_NUMBERING,
+        'method': METHOD,
+        'contacts': _contact_msgs(distribution),
+        'contacts_uncounted': distribution.contacts.uncounted if distribution.contacts else 0,
+        'complete': complete,
+        'aspects': _aspect_msgs(distribution.aspects, _shares(distribution)),
     }
+    message = AspectDistribution(**values)
+    number = len(distribution.aspects.classes())
+    message.class_model_lower, message.class_model_upper = [0.0] * number, [1.0] * number
+    if (model := distribution.model) is not None:
+        message.model_uncertain = list(model.uncertain)
+        message.class_model_lower, message.class_model_upper = model.by_class.T.tolist()
+    return message
 
 
 def _model_from(msg: AspectDistribution) -> ModelRange | None:
@@ -253,23 +211,14 @@ def estimate_msg(
 ) -> AspectDistribution:
     """Return the message for a prediction; without drops, its counts are 0 and its bounds NaN."""
     unknown = [Interval(float(p), math.nan, math.nan) for p in prediction.probabilities]
-    shares = [each | _model_fields() for each in share_fields([0] * len(unknown), unknown)]
+    shares = [share_fields(0, each) | _model_fields() for each in unknown]
     return AspectDistribution(
         header=Header(stamp=stamp, frame_id=frame),
         run=RunDescription(part=part.name, part_sha256=part.part_sha256),
         aspect_numbering=ASPECT_NUMBERING,
         method=prediction.method,
         complete=True,
-        aspects=aspect_msgs(prediction.aspects, shares),
-    )
-
-
-def estimate_from(msg: AspectDistribution) -> Estimate:
-    """Return the prediction in a message whose method is the name of an estimator."""
-    return Estimate(
-        aspects_from(msg.run.part_sha256, msg.aspects),
-        msg.method,
-        np.array([aspect.probability for aspect in msg.aspects]),
+        aspects=_aspect_msgs(prediction.aspects, shares),
     )
 
 
@@ -278,25 +227,13 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
 
     Raises InvalidValueError if the fields of the message are inconsistent.
     """
-    counts = [a.count for a in msg.aspects]
-    if max(counts, default=0) >= 2**63:
-        raise InvalidValueError(
-            f'invalid count {max(counts)}: expected at most the number of drops'
-        )
-    distribution = Distribution(
-        aspects_from(msg.run.part_sha256, msg.aspects),
-        np.array(counts, dtype=np.int64),
-        unclassified=msg.unclassified,
-        unsettled=msg.unsettled,
-        failed=msg.failed,
-        lost=msg.lost,
-        sliding=msg.sliding,
-        energy_growth=msg.energy_growth,
-        interval=msg.interval,
-        confidence=msg.confidence,
-        by_precision=msg.run.precision > 0,
-        contacts=contacts_from(msg),
-    )
+    values = shared(msg, Distribution) | {
+        'aspects': _aspects_from(msg.run.part_sha256, msg.aspects),
+        'counts': np.array([each.count for each in msg.aspects], dtype=np.int64),
+        'by_precision': msg.run.precision > 0,
+        'contacts': _contacts_from(msg),
+    }
+    distribution = Distribution(**values)
     ids = [aspect.id for aspect in msg.aspects]
     if distribution.drops != msg.drops or ids != list(range(1, len(ids) + 1)):
         raise InvalidValueError(
@@ -308,29 +245,14 @@ def distribution_from(msg: AspectDistribution) -> Distribution:
 
 
 def probability_of(distribution: AspectDistribution, aspects: Iterable[int]) -> Interval:
-    """Return the probability that a part comes to rest in any of the given aspects.
+    """Return the probability that a part comes to rest in any of the aspects with some ids.
 
     The interval is computed from the sum of the counts; it is narrower than the sum of the
-    intervals of the aspects.
+    intervals of the aspects. Before the first drop, it is 0 to 1; for an analytic method, which
+    counts no drops, its bounds are NaN.
 
-    Parameters
-    ----------
-    distribution : AspectDistribution
-        From get_distribution or from a topic aspect_distributions/<part>.
-    aspects : iterable of int
-        Their ids; a repeated id counts once.
-
-    Returns
-    -------
-    Interval
-        ``probability``, ``lower`` and ``upper``, 0 to 1, with the confidence of the message.
-        Before the first drop, they are 0, 0 and 1. For an analytic method, which counts no drops,
-        ``lower`` and ``upper`` are NaN.
-
-    Raises
-    ------
-    InvalidValueError
-        The part does not have one of the aspects, or the message is inconsistent.
+    Raises InvalidValueError if the part does not have one of the aspects, or the message is
+    inconsistent.
     """
     if distribution.method in ('', METHOD):
         return distribution_from(distribution).combined_interval(aspects)
@@ -412,15 +334,15 @@ def transitions_msg(
         run=run_msg(result.run),
         action=action_msg(result.action),
         aspect_numbering=ASPECT_NUMBERING,
-        aspects=aspect_msgs(drop.aspects, ranged_fields(drop)),
+        aspects=_aspect_msgs(drop.aspects, _shares(drop)),
         drops=drop.drops,
         confidence=matrix.confidence,
         interval=matrix.interval,
-        actions=_integers(matrix.actions),
-        counts=_integers(matrix.counts),
-        probability=_numbers(matrix.probability),
-        lower=_numbers(lower),
-        upper=_numbers(upper),
+        actions=column(matrix.actions),
+        counts=column(matrix.counts),
+        probability=column(matrix.probability),
+        lower=column(lower),
+        upper=column(upper),
         sliding=matrix.sliding,
         energy_growth=matrix.energy_growth,
         complete=result.complete,
@@ -448,15 +370,12 @@ def transition_matrix_from(msg: TransitionMatrixMsg) -> TransitionMatrix:
         and max(msg.counts) < 2**63
     )
     counts = np.array(msg.counts if consistent else [], dtype=np.int64)
-    matrix = TransitionMatrix(
-        aspects_from(msg.run.part_sha256, msg.aspects),
-        counts.reshape(shape if consistent else (0, 0)),
-        interval=msg.interval,
-        confidence=msg.confidence,
-        by_precision=msg.run.precision > 0,
-        energy_growth=msg.energy_growth,
-        sliding=msg.sliding,
-    )
+    values = shared(msg, TransitionMatrix) | {
+        'aspects': _aspects_from(msg.run.part_sha256, msg.aspects),
+        'counts': counts.reshape(shape if consistent else (0, 0)),
+        'by_precision': msg.run.precision > 0,
+    }
+    matrix = TransitionMatrix(**values)
     if not consistent or matrix.actions.tolist() != list(msg.actions):
         raise InvalidValueError(
             f'invalid transition matrix of run {shown(msg.run.run_id)}: expected a row for each '
@@ -498,20 +417,11 @@ def _add_long_run(
     closed_class = np.zeros(len(long_run.shares), dtype=np.int64)
     for number, members in enumerate(long_run.closed, 1):
         closed_class[list(members)] = number
-    message.long_run = _numbers(long_run.shares)
-    message.long_run_lower = _numbers(lower)
-    message.long_run_upper = _numbers(upper)
+    message.long_run = column(long_run.shares)
+    message.long_run_lower = column(lower)
+    message.long_run_upper = column(upper)
     message.closed_class = closed_class.tolist()
     # Closed classes have no aspect in common.
-    message.closed_class_share = _numbers(long_run.stationary.sum(axis=0))
-    message.closed_class_weight = _numbers(long_run.weights)
+    message.closed_class_share = column(long_run.stationary.sum(axis=0))
+    message.closed_class_weight = column(long_run.weights)
     message.unreachable = [k + 1 for k in long_run.unreachable]
-
-
-def _numbers(values: Array) -> 'array[float]':
-    # rclpy checks each element of a list, but not of an array of the right type.
-    return array('d', values.ravel().tolist())
-
-
-def _integers(values: npt.NDArray[np.int64]) -> 'array[int]':
-    return array('Q', values.ravel().tolist())

@@ -13,7 +13,6 @@ from uuid import uuid4
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
-from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from resting_aspects_interfaces.action import DropPart
@@ -23,7 +22,7 @@ from unique_identifier_msgs.msg import UUID
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.ros.callbacks import sleep_for, wait_for
 from resting_aspects_ros.ros.conversions import conditions_msg
-from resting_aspects_ros.ros.discovery import LivelinessMonitor
+from resting_aspects_ros.ros.health import LivelinessMonitor
 from resting_aspects_ros.ros.interface import (
     ACTION_SERVICES,
     DROP_PART,
@@ -59,7 +58,6 @@ async def goal_result(
     client: ActionClient,
     goal: Any,
     *,
-    group: CallbackGroup | None = None,
     feedback: Callable[[Any], object] = lambda _: None,
     wanted: Callable[[], bool] = lambda: True,
 ) -> Any:
@@ -67,7 +65,6 @@ async def goal_result(
 
     Parameters
     ----------
-    group : callback group of the timers; None: the group of the node
     feedback : called with each feedback message
     wanted : the goal is canceled when this returns False
 
@@ -86,7 +83,7 @@ async def goal_result(
         feedback(message.feedback)
 
     async def arrived(future: Future) -> bool:
-        if await wait_for(node, future, CHECK_PERIOD, group):
+        if await wait_for(node, future, CHECK_PERIOD):
             return True
         if not client.server_is_ready():
             raise NotAvailableError(f'the simulator stopped while it simulated {goal.part}')

@@ -28,7 +28,7 @@ MARKERS = 'markers'
 SURROUNDINGS_MARKERS = 'surroundings_markers'
 # Absolute: ROS tools expect this name.
 DIAGNOSTICS = '/diagnostics'
-# Hidden topic, + /<kind of node>; see discovery.py.
+# Hidden topic, + /<kind of node>; see health.py.
 PRESENCE = '_present'
 # Services of log_replayer, below its name.
 PAUSE = '~/pause'
@@ -43,18 +43,24 @@ POSTERIOR = 'posterior'  # + /<part>
 
 FRAME = 'tray'
 
+
+def _latched(depth: int) -> QoSProfile:
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
 # Late subscribers receive the newest message.
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+LATCHED = _latched(1)
 # Surroundings of runs: the newest ones of a part, which can differ from run to run.
-SURROUNDINGS_QOS = QoSProfile(
-    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+SURROUNDINGS_QOS = _latched(10)
 # For a subscriber that needs every message, including those that arrive while it is busy.
-ALL_LATCHED = QoSProfile(
-    depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+ALL_LATCHED = _latched(1000)
+# The largest run has 200 messages with poses, and each can wait for a slow or late subscriber:
+# reliable QoS alone does not throttle a publisher.
+POSES = _latched(200)
 # By default ROS queues 10 requests of a service: the 11th concurrent request would be lost, and
 # its client would wait forever.
 SERVICES = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -72,14 +78,6 @@ COUNTS = QoSProfile(
     depth=1000,
     reliability=ReliabilityPolicy.BEST_AVAILABLE,
     durability=DurabilityPolicy.BEST_AVAILABLE,
-)
-# The largest run has 200 messages with poses, and each can wait for a slow or late subscriber:
-# reliable QoS alone does not throttle a publisher.
-POSES_DEPTH = 200
-POSES = QoSProfile(
-    depth=POSES_DEPTH,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
 

@@ -1,6 +1,7 @@
 """A node as a program: its parameters, and its life until a signal to stop."""
 
-import ctypes
+import argparse
+import faulthandler
 import inspect
 import os
 import signal
@@ -11,8 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import takewhile
-from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import (
@@ -77,7 +77,7 @@ FRAME_ID = Parameter(
 
 
 def check_frame(name: str) -> str:
-    """Return the name; raises InvalidValueError if it is not a valid frame name."""
+    """Return the name of a frame; raises InvalidValueError if it is not valid."""
     if not name or name.startswith('/') or not name.isprintable():
         raise InvalidValueError(f'invalid {FRAME_ID.name} {name!r}: expected {FRAME_ID.allowed}')
     return name
@@ -133,14 +133,6 @@ def unknown_parameters(nodes: Sequence[Node]) -> list[str]:
     return sorted(name for name in given - known if not name.startswith('qos_overrides.'))
 
 
-def help_text(program: str, description: str, parameters: Iterable[Parameter]) -> str:
-    """Return the help text of the program of a node."""
-    usage = f'usage: {program} [--ros-args -p name:=value ... -r __ns:=/namespace]'
-    lines = [usage, '', description, '', 'parameters:']
-    lines += [f'  {p.name:19} {_help_line(p)} (default {p.default!r})' for p in parameters]
-    return '\n'.join([*lines, '', 'Ctrl-C ends it.'])
-
-
 def _as_declared(parameter: Parameter, value: RosParameter) -> RosParameter:
     """Return the value with an integer converted to float if needed; ROS rejects 10 for 10.0."""
     if value.type_ == RosParameter.Type.INTEGER and isinstance(parameter.default, float):
@@ -190,46 +182,18 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 # -- Life of the process --------------------------------------------------------------------------
 
 
-# Constants of Linux: <time.h>, <signal.h>.
-_CLOCK_MONOTONIC, _SIGEV_THREAD = 1, 2
-
-
-class _Event(ctypes.Structure):
-    """``struct sigevent`` of a timer that calls a function with a value; 64 bytes."""
-
-    _fields_ = (
-        ('value', ctypes.c_void_p),
-        ('signal', ctypes.c_int),
-        ('notify', ctypes.c_int),
-        ('function', ctypes.c_void_p),
-        ('attributes', ctypes.c_void_p),
-        ('padding', ctypes.c_byte * 32),
-    )
-
-
-class _Times(ctypes.Structure):
-    """``struct itimerspec``: period and start, each in s and ns."""
-
-    _fields_ = tuple((name, ctypes.c_long) for name in ('every_s', 'every_ns', 's', 'ns'))
-
-
 @contextmanager
-def at_most(seconds: int, code: int) -> Iterator[None]:
-    """End this process with an exit code if the block takes longer, without any cleaning up.
+def at_most(seconds: int) -> Iterator[None]:
+    """End this process, with exit code 1 and the stacks, if the block takes longer.
 
     A thread of Python could not do so: native code that waits for ever may hold the lock of the
-    interpreter. A timer of the operating system calls ``_exit`` of the C library instead.
+    interpreter.
     """
-    library = ctypes.CDLL(None)
-    end = ctypes.cast(library._exit, ctypes.c_void_p)  # noqa: SLF001 - a public C function
-    event = _Event(value=code, notify=_SIGEV_THREAD, function=end)
-    timer = ctypes.c_void_p()
-    library.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer))
-    library.timer_settime(timer, 0, ctypes.byref(_Times(s=seconds)), None)
+    faulthandler.dump_traceback_later(seconds, exit=True)
     try:
         yield
     finally:
-        library.timer_delete(timer)
+        faulthandler.cancel_dump_traceback_later()
 
 
 # The domain with the highest UDP ports.
@@ -239,14 +203,6 @@ MAX_DOMAIN = 232
 SHUTDOWN = 10
 # Time that subscribers have to receive the last messages of nodes that stop, s.
 DELIVERY = 1.0
-
-
-@runtime_checkable
-class Closing(Protocol):
-    """A node that ends more than its ROS entities."""
-
-    def close(self) -> None:
-        """End what the node has started, before it is destroyed."""
 
 
 def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -272,15 +228,14 @@ def spin_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None =
 
 def run_node(factory: Callable[[], Node], parameters: Iterable[Parameter]) -> int:
     """Run one node as a program; return the exit code. Accepts --help and ROS arguments."""
-    program = Path(sys.argv[0]).name
-    arguments = list(takewhile(lambda argument: argument != '--ros-args', sys.argv[1:]))
-    if '--help' in arguments or '-h' in arguments:
-        description = inspect.getdoc(factory) or ''
-        print(help_text(program, description.partition('\n\nParameters\n')[0], parameters))
-        return 0
-    if arguments:
-        print(f'error: unknown argument {arguments[0]!r}: see {program} --help', file=sys.stderr)
-        return 2
+    lines = [f'  {p.name:19} {_help_line(p)} (default {p.default!r})' for p in parameters]
+    parser = argparse.ArgumentParser(
+        usage='%(prog)s [--ros-args -p name:=value ... -r __ns:=/namespace]',
+        description=(inspect.getdoc(factory) or '').partition('\n\nParameters\n')[0],
+        epilog='\n'.join(['parameters:', *lines, '', 'Ctrl-C ends it.']),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.parse_args(list(takewhile(lambda word: word != '--ros-args', sys.argv[1:])))
     return spin_nodes([factory])
 
 
@@ -326,9 +281,9 @@ def _spin(factories: Sequence[Callable[[], Node]], stopped: Future) -> int:
         return _print_error(error, code)
     finally:
         for node in nodes:
-            if isinstance(node, Closing):
-                node.close()
-        with at_most(SHUTDOWN, 0 if stopped.done() else code):
+            if (close := getattr(node, 'close', None)) is not None:
+                close()  # ends what the node has started beside its ROS entities
+        with at_most(SHUTDOWN):
             _deliver(nodes)
             for node in nodes:
                 node.destroy_node()

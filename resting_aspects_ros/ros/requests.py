@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Awaitable, Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +35,12 @@ from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SURFACE,
     DropConditions,
     Surfaces,
+)
+from resting_aspects_ros.simulation.surroundings import (
+    Surroundings,
+    named_surroundings,
     surroundings_folder,
 )
-from resting_aspects_ros.simulation.surroundings import Surroundings, named_surroundings
 from resting_aspects_ros.simulation.surroundings_kinds import MeshFile, MeshSurface
 from resting_aspects_ros.statistics.distribution import METHOD
 
@@ -199,10 +203,7 @@ SURROUNDINGS_FOLDER = Parameter(
 
 def names_in(folder: Path) -> list[str]:
     """Return the names of the surroundings in a folder, sorted."""
-    try:
-        return sorted(file.stem for file in folder.glob('*.yaml') if is_valid_name(file.stem))
-    except OSError:
-        return []
+    return sorted(file.stem for file in folder.glob('*.yaml') if is_valid_name(file.stem))
 
 
 def read_named(folder: Path, name: str) -> Surroundings:
@@ -216,22 +217,14 @@ def read_named(folder: Path, name: str) -> Surroundings:
     return named_surroundings(folder / f'{name}.yaml')
 
 
-def read_meshes(folder: Path) -> tuple[dict[str, MeshFile], list[str]]:
-    """Return the meshes of all surroundings in a folder by their hashes, and what is unusable.
-
-    Runs in a FileWorker.
-    """
-    found: dict[str, MeshFile] = {}
-    problems = []
+def find_mesh(folder: Path, sha256: str) -> MeshFile | None:
+    """Return the mesh with a hash of any surroundings in a folder; runs in a FileWorker."""
     for name in names_in(folder):
-        try:
+        with suppress(RestingAspectsError):  # what cannot be read is not what is searched
             mesh = read_named(folder, name).shape.file
-        except RestingAspectsError as error:
-            problems.append(str(error))
-            continue
-        if mesh is not None:
-            found[mesh.sha256] = mesh
-    return found, problems
+            if mesh is not None and mesh.sha256 == sha256:
+                return mesh
+    return None
 
 
 class RequestedSurroundings:
@@ -279,15 +272,12 @@ class RequestedSurroundings:
 
     async def _with_mesh(self, around: Surroundings) -> Surroundings:
         """Return the surroundings of a mesh whose file is known by its hash, with the mesh."""
-        meshes, problems = await self._files.run(read_meshes, self._folder)
-        for each in problems:
-            self._node.get_logger().warning(each)
         shape = around.shape
         assert isinstance(shape, MeshSurface)  # other kinds are always known
-        if shape.mesh_sha256 not in meshes:
+        mesh = await self._files.run(find_mesh, self._folder, shape.mesh_sha256)
+        if mesh is None:
             raise InvalidValueError(
                 f'invalid mesh {shown(shape.mesh)} of surroundings: expected one of the '
                 f'surroundings in {SURROUNDINGS_FOLDER.name} of {self._node.get_name()}'
             )
-        shape = dataclasses.replace(shape, file=meshes[shape.mesh_sha256])
-        return dataclasses.replace(around, shape=shape)
+        return around.with_mesh(mesh)

@@ -1,8 +1,10 @@
 """Recording of a run in a log: with the messages of nodes, or in this process without nodes."""
 
 import dataclasses
+import os
 import time
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -52,62 +54,55 @@ class RunRecorder:
     """The log of a run, and which of its messages have not arrived yet.
 
     No method raises LogError. When the log cannot be written, ``error`` has the reason and further
-    messages are ignored. If earlier logs of the run are incomplete, a new log is written, with a
-    number appended to its name. If an earlier log is whole, no log is written, and ``earlier`` is
-    the folder of the earlier one. ``folder`` is the folder of the log.
+    messages are ignored. If earlier logs of the run are incomplete, a number is appended to the
+    name of this one.
 
+    Parameters
+    ----------
     unit : str
         What the run consists of: drops, or actions, of which ``drops`` is then the number.
+    failed : called once with the consequence of an error for the run
+
+    Attributes
+    ----------
     seen : IndexRanges
         The drops whose messages have arrived.
     heard : float
         Time of the last message, on the monotonic clock, s.
     """
 
-    def __init__(self, folder: Path, run: RunDescription, unit: str = 'drops') -> None:
+    def __init__(
+        self,
+        folder: Path,
+        run: RunDescription,
+        unit: str = 'drops',
+        failed: Callable[[str], object] = lambda _: None,
+    ) -> None:
         self.run = run
         self.unit = unit
         self.error = ''
-        self.reported = False  # whether the error was reported
         self.has_part = False
         # Whether the surroundings were written, if they are not an infinite level plane.
         self.has_surroundings = run.conditions.surroundings is None
         self.drops = 0  # number of drops that were written
         self.seen = IndexRanges()
         self.heard = time.monotonic()
-        self.closed_whole = False
-        self.earlier: Path | None = None
         self.ended = False  # whether the last message of the run has arrived
-        self._whole = False
         self.folder = folder
+        self._failed = failed
         self._log: RunLog | None = None
-        try:
-            self._log = self._begin(folder)
-            if self._log is not None:
-                self._log.add_metadata('run', _as_text(run))
-        except LogError as error:
-            self._fail(error)
-
-    def _begin(self, folder: Path) -> RunLog | None:
-        """Create the log unless an earlier one is whole; may raise LogError."""
-        run = self.run
-        started = datetime.fromtimestamp(run.started / NANOSECONDS, timezone.utc)
-        name = run_folder_name(run.part, started, run.run_id)
-        earlier = _earlier_logs(folder, name)
-        for log in earlier:
-            outcome = recorded_outcome(log)
-            if outcome is not None and outcome.whole:
-                self.earlier = self.folder = log
-                self.drops = outcome.drops
-                return None
-        name += f'_{len(earlier) + 1}' if earlier else ''
-        self.folder = folder / name
-        return RunLog(folder, name)
+        with self._errors():
+            name = _log_name(run)
+            if earlier := _earlier_logs(folder, name):
+                name += f'_{len(earlier) + 1}'
+            self.folder = folder / name
+            self._log = RunLog(folder, name)
+            self._log.add_metadata('run', _as_text(run))
 
     @property
     def being_written(self) -> bool:
         """Whether messages are written to the log."""
-        return self._log is not None and not self.error
+        return self._log is not None
 
     def write(
         self,
@@ -125,18 +120,14 @@ class RunRecorder:
         Returns whether all was written.
         """
         self.heard = time.monotonic()
-        if self._log is None or self.error:
-            return False
-        try:
-            # MCAP has no times before the epoch, but a stamp can be before it.
-            self._log.write(topic, data, log_time, max(publish_time, 0))
-            self._log.flush()
-            if mesh is not None:
-                self._log.attach(*mesh, log_time)
+        with self._errors():
+            if self._log is not None:
+                # MCAP has no times before the epoch, but a stamp can be before it.
+                self._log.write(topic, data, log_time, max(publish_time, 0))
+                if mesh is not None:
+                    self._log.attach(*mesh, log_time)
                 self._log.flush()
-        except LogError as error:
-            self._fail(error)
-        return not self.error
+        return self._log is not None
 
     def write_poses(
         self, topic: Topic, data: bytes, log_time: int, publish_time: int, first: int, end: int
@@ -172,59 +163,60 @@ class RunRecorder:
             mesh = name, media_type, bytes(surroundings.mesh)
         self.has_surroundings = self.write(topic, data, log_time, log_time, mesh)
 
-    def problem(self) -> str:
-        """Return a message with the consequence of the error for the run."""
-        run = f'run {self.run.run_id} of {self.run.part}'
-        if self._whole or self.drops >= self.run.drops:
-            return (
-                f'all {self.drops} {self.unit} of {run} are recorded, but the log has no end: '
-                f'{self.error}'
-            )
-        if self.drops:
-            return f'only {self.drops} {self.unit} of {run} are recorded: {self.error}'
-        return f'{run} is not recorded: {self.error}'
-
     @property
     def is_described(self) -> bool:
         """Whether the part and the surroundings were written."""
         return self.has_part and self.has_surroundings
 
-    def close(self, *, whole: bool) -> Path | None:
-        """Finish the log; returns its folder, or None if it cannot be finished.
+    def close(self, *, whole: bool) -> bool | None:
+        """Finish the log; returns whether it is whole, or None if it cannot be finished.
 
         whole : all drops or actions of the run were written
         """
-        self._whole = whole
-        if self._log is None or self.error:
-            return None
         whole = whole and self.is_described
-        try:
-            self._log.add_metadata(OUTCOME, LogOutcome(self.drops, whole).record())
-            folder = self._log.close()
-        except LogError as error:
-            self._fail(error)
-            return None
-        self.closed_whole = whole
-        return folder
-
-    def _fail(self, error: LogError) -> None:
-        """Store the error and release the file, so that its content can be recovered."""
-        self.error = str(error)
-        if self._log is not None:
-            with suppress(LogError):
+        with self._errors():
+            if self._log is not None:
+                self._log.add_metadata(OUTCOME, LogOutcome(self.drops, whole).record())
                 self._log.close()
+                return whole
+        return None
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Store an error and release the file, so that its content can be recovered."""
+        try:
+            yield
+        except LogError as error:
+            self.error = str(error)
+            log, self._log = self._log, None
+            if log is not None:
+                with suppress(LogError):
+                    log.close()
+            run = f'run {self.run.run_id} of {self.run.part}'
+            self._failed(f'only {self.drops} {self.unit} of {run} are recorded: {self.error}')
+
+
+def whole_log(folder: Path, run: RunDescription) -> Path | None:
+    """Return an earlier log that has all of a run; None if there is none."""
+    for log in _earlier_logs(folder, _log_name(run)):
+        outcome = recorded_outcome(log)
+        if outcome is not None and outcome.whole:
+            return log
+    return None
+
+
+def _log_name(run: RunDescription) -> str:
+    started = datetime.fromtimestamp(run.started / NANOSECONDS, timezone.utc)
+    return run_folder_name(run.part, started, run.run_id)
 
 
 def _earlier_logs(folder: Path, name: str) -> list[Path]:
-    """Return the existing logs of the same run, in their order; may raise LogError."""
-    logs = []
+    """Return the existing logs of the same run, in their order."""
+    logs: list[Path] = []
     log = folder / name
-    try:
-        while log.exists() or log.is_symlink():  # a broken link also occupies the name
-            logs.append(log)
-            log = folder / f'{name}_{len(logs) + 1}'
-    except OSError as error:  # a name that is too long, a disk that was removed
-        raise LogError(f'log {log} cannot be written: {error.strerror}') from None
+    while os.path.lexists(log):
+        logs.append(log)
+        log = folder / f'{name}_{len(logs) + 1}'
     return logs
 
 
@@ -238,19 +230,8 @@ def _as_text(run: RunDescription) -> dict[str, str]:
 class LocalRunLog:
     """The log of a run that is simulated in this process, with the messages of nodes.
 
-    Topics are those of nodes in the root namespace.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of logs, made if necessary. The log is a folder in it.
-    part : Part
-    run : RunDescription
-
-    Raises
-    ------
-    LogError
-        The log cannot be written.
+    The log is a folder in the given one, which is made if necessary. Topics are those of nodes in
+    the root namespace. Raises LogError if the log cannot be written.
     """
 
     def __init__(self, folder: Path, part: Part, run: RunDescription) -> None:
@@ -300,7 +281,7 @@ class LocalRunLog:
         recorder.write(topic, serialize_message(message), now, now)
         recorder.close(whole=True)
         if recorder.error:
-            raise LogError(recorder.problem())
+            raise LogError(recorder.error)
 
     def _write(self, poses: RestingPoses, *, last: bool) -> None:
         now = time.time_ns()

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
 from resting_aspects_ros.part.part import Part
@@ -27,7 +26,7 @@ from resting_aspects_ros.simulation.conditions import (
     quantity,
     read_entries,
 )
-from resting_aspects_ros.simulation.scene import HalfSpace, Scene, X, Z, depth_along
+from resting_aspects_ros.simulation.scene import HalfSpace, Scene, X, Z, depth_of
 from resting_aspects_ros.simulation.starts import (
     Action,
     Body,
@@ -83,11 +82,11 @@ class Kick(Action):
     )
 
     def __post_init__(self) -> None:
-        quantities_of(self)['speed'].check('speed', self.speed)
+        speed = quantities_of(self)['speed'].check('speed', self.speed)
         derived = {'speed_spread': SPEED_SPREAD, 'horizontal_spread': HORIZONTAL_SPREAD}
         for name, share in derived.items():
             if getattr(self, name) is None:
-                object.__setattr__(self, name, share * self.speed)
+                object.__setattr__(self, name, share * speed)
         super().__post_init__()
 
     @property
@@ -236,7 +235,12 @@ class Nozzle(Action):
         n, body = len(row), at.body
         impulse = self.impulse + random.standard_normal(n) * self.impulse_spread
         aside = random.standard_normal(n) * self.place_spread
-        point, along, met = self._hit(states, aside, body)
+        direction = np.array([math.cos(self.elevation), 0.0, math.sin(self.elevation)])
+        height = self.height - depth_of(states.orientation, body.corners)
+        origin = np.stack([np.zeros(n), aside, height], axis=-1)
+        inverse = states.orientation * _CONJUGATE
+        along = rotate(inverse, direction)
+        point, met = _first_hit(rotate(inverse, origin), along, body)
         push = np.where(met, np.maximum(impulse, 0.0), 0.0)[:, None] * along
         # In part axes, where the inertia is constant; solved row by row.
         torque = np.cross(point, push)
@@ -247,21 +251,8 @@ class Nozzle(Action):
             spin=rotate(states.orientation, spin),
         )
 
-    def _hit(
-        self, states: States, aside: Array, body: Body
-    ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-        """Return points and directions (n, 3) in part axes, and whether (n,) the part is hit."""
-        n = len(aside)
-        direction = np.array([math.cos(self.elevation), 0.0, math.sin(self.elevation)])
-        height = self.height - depth_along(states.orientation, -Z, body.corners)
-        origin = np.stack([np.zeros(n), aside, height], axis=-1)
-        inverse = states.orientation * _CONJUGATE
-        along = rotate(inverse, direction)
-        point, met = _first_hit(rotate(inverse, origin), along, body)
-        return point, along, met
 
-
-def _first_hit(origin: Array, along: Array, body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _first_hit(origin: Array, along: Array, body: Body) -> tuple[Array, Flags]:
     """Return where lines first meet the convex hull (n, 3), and whether (n,) they do.
 
     Parameters
@@ -499,9 +490,9 @@ class Step(Action):
 
     The upper belt moves in the direction x and turns down at x = 0, over a roller along y, whose
     surface moves with it. Below the roller is a vertical wall at x = 0. Velocities are relative to
-    this wall; z = 0 is the lower belt, which moves backwards if its speed is negative, and has the
-    friction and the restitution of the conditions. Raises InvalidValueError if a value is
-    out of bounds, or if the edge is larger than the step.
+    this wall; z = 0 is the lower belt, which moves backwards if its speed is negative. Both have
+    the friction and the restitution of the conditions. Raises InvalidValueError if a value is out
+    of bounds, or if the edge is larger than the step.
     """
 
     kind: ClassVar[str] = 'step'
@@ -526,20 +517,6 @@ class Step(Action):
         'radius of the roller over which the upper belt turns; 0: a sharp edge',
         high=10.0,
         default=0.0,
-    )
-    friction_factor: float = quantity(
-        'friction factor',
-        '',
-        'friction of the upper belt as a multiple of that of the conditions',
-        high=100.0,
-        default=1.0,
-    )
-    restitution_factor: float = quantity(
-        'restitution factor',
-        '',
-        'restitution of the upper belt as a multiple of that of the conditions',
-        high=100.0,
-        default=1.0,
     )
 
     def __post_init__(self) -> None:
@@ -604,7 +581,7 @@ class Step(Action):
     def _behind_edge(self, states: States, at: RestStarts) -> Array:
         """Return positions (n, 3), m, of parts in surroundings that are whole behind the edge."""
         scene = at.scene
-        front = depth_along(states.orientation, scene.in_tray(X[None])[0], at.body.corners)
+        front = depth_of(states.orientation, at.body.corners, scene.in_tray(X[None])[0])
         place = scene.in_scene(states.position)
         place[:, 0] = -self.edge_radius - BEHIND * at.body.radius - front
         place[:, 2] += self.step_height

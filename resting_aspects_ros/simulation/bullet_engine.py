@@ -1,30 +1,27 @@
 """Drops in Bullet, also those over the edge of a belt, which need two worlds."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.rotations import product, rotate
+from resting_aspects_ros.arrays import Bytes, Flags, Indices
+from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.bullet_world import (
     NO_TURN,
     PART_GROUP,
     SURFACE_GROUP,
     World,
     compound,
-    pybullet,
 )
 from resting_aspects_ros.simulation.conditions import MAX_SEED
 from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, DropJob
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
     InitialState,
-    depth_of,
     initial_states,
     resting_poses,
 )
+from resting_aspects_ros.simulation.scene import X, depth_of
 from resting_aspects_ros.simulation.settling import (
     CHECK_INTERVAL,
     MAX_DEPTH,
@@ -33,9 +30,6 @@ from resting_aspects_ros.simulation.settling import (
 )
 from resting_aspects_ros.simulation.starts import RestStarts, States
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
-
-Rows = npt.NDArray[np.int64]
-Codes = npt.NDArray[np.uint8]
 
 # Number of drops that are simulated together, in the same place. All of them are, even if only
 # some are wanted: Bullet sorts the contacts of a part with several bodies in an order that depends
@@ -91,9 +85,6 @@ DROP = 0.05
 # that lies on both belts leaves them with 0.02 / T less spin; the time is the same.
 RESIDUAL = 1e-9
 _ALONG_Y = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
-# Quarter turns that make the direction x point up or down.
-_X_UP = [0.0, -math.sqrt(0.5), 0.0, math.sqrt(0.5)]
-_X_DOWN = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]
 
 
 # Time, T, for which a part that is about to land has the steps of first impacts, and number of
@@ -105,7 +96,7 @@ LATER_STEPS_PER_T = 320
 FAR = 20.0
 
 
-def over_edge(job: DropJob, states: InitialState) -> tuple[InitialState, Codes]:
+def over_edge(job: DropJob, states: InitialState) -> tuple[InitialState, Bytes]:
     """Move parts over the edge; returns their states, and codes of RestStatus.
 
     The states are then relative to the lower belt and to the wall. The status is SETTLED for a
@@ -129,24 +120,15 @@ class BeltWorld(World):
     """A world in which bodies can be added that belong to the upper belt."""
 
     def _add_of_belt(self, shape: int, state: tuple[list[float], ...]) -> int:
-        """Add a body with the contact of the floor, changed as the step states."""
-        edge, floor = self._job.edge, self._scene.bodies[0].contact
-        assert edge is not None
-        contact = replace(
-            floor,
-            friction=floor.friction * edge.friction_factor,
-            restitution=floor.restitution * edge.restitution_factor,
-        )
-        body = self._add_fixed(shape, contact, movable=True)
+        """Add a body with the contact of the floor."""
+        body = self._add_fixed(shape, self._scene.bodies[0].contact, movable=True)
         self._place(body, *state)
         return body
 
     def _add_box(self, back: float, front: float, top: float, speed: float) -> int:
         """Add a box from ``back`` to ``front`` in x, with its top at the height ``top``."""
         half = [(front - back) / 2, FAR, FAR / 2]
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
-        )
+        shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half)
         return self._add_of_belt(shape, _box_state(back, front, top, speed))
 
 
@@ -168,9 +150,7 @@ class EdgeWorld(BeltWorld):
     def __init__(self, job: DropJob, across: tuple[float, float], min_steps_per_t: int) -> None:
         super().__init__(job, np.zeros(3))
         self._set_steps(job.steps(min_steps_per_t))
-        pybullet.setPhysicsEngineParameter(
-            solverResidualThreshold=RESIDUAL, physicsClientId=self._client
-        )
+        self._bullet.setPhysicsEngineParameter(solverResidualThreshold=RESIDUAL)
         edge, starts = job.edge, job.starts
         assert edge is not None
         assert isinstance(starts, RestStarts)
@@ -180,7 +160,7 @@ class EdgeWorld(BeltWorld):
         # In the body frame, R.
         inverse = job.axes * [-1, -1, -1, 1]
         pieces = [rotate(inverse, corners) / job.radius for corners in starts.pieces]
-        self._shape = compound(tuple(pieces), self._client)
+        self._shape = compound(tuple(pieces), self._bullet)
         box = -FAR, -self._radius, self._height, self._upper
         self._belt, self._belt_state = self._add_box(*box), _box_state(*box)
         self._add_box(-FAR, 0.0, self._height - self._radius - DROP, 0.0)
@@ -207,19 +187,20 @@ class EdgeWorld(BeltWorld):
 
     def _add_roller(self, places: list[float], lengths: list[float]) -> int:
         """Add a roller of capsules in places along y, and return it."""
-        shape = pybullet.createCollisionShapeArray(
-            shapeTypes=[pybullet.GEOM_CAPSULE] * len(places),
+        shape = self._bullet.createCollisionShapeArray(
+            shapeTypes=[self._bullet.GEOM_CAPSULE] * len(places),
             radii=[self._radius] * len(places),
             lengths=lengths,
             collisionFramePositions=[[0.0, y, 0.0] for y in places],
             collisionFrameOrientations=[_ALONG_Y] * len(places),
-            physicsClientId=self._client,
         )
         axis = [-self._radius, 0.0, self._height - self._radius]
         turn = [0.0, self._upper / self._radius, 0.0]
         return self._add_of_belt(shape, (axis, NO_TURN, [0.0] * 3, turn))
 
-    def pass_over(self, at: InitialState, status: Codes, which: Rows, *, landed: bool) -> Rows:
+    def pass_over(
+        self, at: InitialState, status: Bytes, which: Indices, *, landed: bool
+    ) -> Indices:
         """Move some parts over the edge until they are about to land; see over_edge.
 
         Returns the parts that are about to land before they are beyond the edge. Parts that
@@ -252,11 +233,11 @@ class EdgeWorld(BeltWorld):
             early.append(moving[low])
             ended = ~sound | passed | low | timed_out
             for i in moving[ended].tolist():
-                pybullet.removeBody(bodies[i], physicsClientId=self._client)
+                self._bullet.removeBody(bodies[i])
             moving = moving[~ended]
         return np.concatenate(early)
 
-    def _change_steps(self, at: InitialState, which: Rows, steps: int) -> None:
+    def _change_steps(self, at: InitialState, which: Indices, steps: int) -> None:
         """Adapt the velocities of parts to the number of steps per T with which they continue.
 
         Bullet changes the velocity before the position, so that the velocity of a part in flight
@@ -273,23 +254,20 @@ class EdgeWorld(BeltWorld):
             for body in (self._belt, *self._rollers):
                 # Setting the mask discards the contacts of a body, although it is the same mask.
                 self._collide(body, SURFACE_GROUP, PART_GROUP)
-            pybullet.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()
 
-    def _beyond(self, at: States) -> npt.NDArray[np.bool_]:
+    def _beyond(self, at: States) -> Flags:
         """Return which parts (n,) have their whole hull beyond the wall."""
-        return np.asarray(at.position[:, 0] - self._depth(at, _X_UP) > CLEARANCE)
+        reach = depth_of(at.orientation, self._job.hull, -X)
+        return np.asarray(at.position[:, 0] - reach > CLEARANCE)
 
-    def _landing(self, at: States) -> npt.NDArray[np.bool_]:
+    def _landing(self, at: States) -> Flags:
         """Return which parts (n,) can touch the lower belt before the next check."""
         speed = np.linalg.norm(at.velocity, axis=1) + np.linalg.norm(at.spin, axis=1)
         reach = CLEARANCE + speed / EDGE_CHECKS_PER_T
-        ahead = at.position[:, 0] + self._depth(at, _X_DOWN) > -reach
-        return np.asarray(ahead & (at.position[:, 2] - self._depth(at, NO_TURN) < reach))
-
-    def _depth(self, at: States, turn: list[float]) -> Array:
-        """Return how far the hulls (n,) reach below their centres after a turn."""
-        turned = product(np.tile(turn, (len(at.orientation), 1)), at.orientation)
-        return depth_of(turned, self._job.hull)
+        ahead = at.position[:, 0] + depth_of(at.orientation, self._job.hull, X) > -reach
+        lowest = at.position[:, 2] - depth_of(at.orientation, self._job.hull)
+        return np.asarray(ahead & (lowest < reach))
 
 
 class WallWorld(BeltWorld):
@@ -306,7 +284,7 @@ class WallWorld(BeltWorld):
         self._top = edge.step_height / job.radius
         self._wall = self._add_box(-FAR, 0.0, self._top, self._speed)
 
-    def settled(self, states: InitialState, status: Codes) -> Settling:
+    def settled(self, states: InitialState, status: Bytes) -> Settling:
         """Step until all parts that passed the edge have ended; ``status``: see over_edge."""
         settling = settling_of(self._job, states)
         passed = status == RestStatus.SETTLED
@@ -316,7 +294,7 @@ class WallWorld(BeltWorld):
         settling.time[status == RestStatus.FAILED] = math.nan
         bodies = self._add(states)
         for i in np.flatnonzero(~passed):
-            pybullet.removeBody(bodies[i], physicsClientId=self._client)
+            self._bullet.removeBody(bodies[i])
         self._settle(bodies, settling)
         return settling
 
@@ -333,4 +311,4 @@ class WallWorld(BeltWorld):
         for step in range(made, made + steps):
             front = self._speed * step * self._step
             self._place(self._wall, *_box_state(front - FAR, front, self._top, self._speed))
-            pybullet.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()

@@ -1,19 +1,15 @@
 """The physics world of Bullet: a part and what it touches."""
 
 import os
-import sys
 import tempfile
 import threading
-import weakref
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.rotations import product, rotate
 from resting_aspects_ros.simulation.conditions import NO_BULLET
@@ -33,40 +29,31 @@ from resting_aspects_ros.simulation.starts import States
 # -- Client ---------------------------------------------------------------------------------------
 
 
-@contextmanager
-def _silenced_stderr() -> Iterator[None]:
-    """Discard standard error, including the output of C code, which bypasses sys.stderr."""
-    sys.stderr.flush()
-    saved = os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(null)
-
-
+# PyBullet prints its build time on standard error when a process imports it.
+_stderr, _null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+os.dup2(_null, 2)
 try:
-    with _silenced_stderr():  # pybullet prints its build time on import, in every process
-        import pybullet
+    import pybullet
+    from pybullet_utils.bullet_client import BulletClient
 except ImportError:
     raise EngineError(NO_BULLET) from None
+finally:
+    os.dup2(_stderr, 2)
+    os.close(_stderr)
+    os.close(_null)
 
-__all__ = ['compound', 'empty_client', 'pybullet']
+_own = threading.local()  # the client of each thread
 
 
-def empty_client() -> int:
+def empty_client() -> BulletClient:
     """Return the thread's Bullet client with an empty world; connecting again would take 5 ms."""
-    if not hasattr(_thread_data, 'client'):
-        _thread_data.client = _Client()
-    number = _thread_data.client.number
-    pybullet.resetSimulation(physicsClientId=number)
-    return number
+    if not hasattr(_own, 'client'):
+        _own.client = BulletClient(pybullet.DIRECT)
+    _own.client.resetSimulation()
+    return _own.client
 
 
-def compound(pieces: tuple[Array, ...], client: int) -> int:
+def compound(pieces: tuple[Array, ...], bullet: BulletClient) -> int:
     """Return a shape of convex pieces, each given by its corners (n, 3).
 
     PyBullet reads a compound of more than one set of corners only from a file.
@@ -74,9 +61,7 @@ def compound(pieces: tuple[Array, ...], client: int) -> int:
     with tempfile.NamedTemporaryFile('w', suffix='.obj') as file:
         file.write(_obj_text(pieces))
         file.flush()
-        shape: int = pybullet.createCollisionShape(
-            pybullet.GEOM_MESH, fileName=file.name, physicsClientId=client
-        )
+        shape: int = bullet.createCollisionShape(bullet.GEOM_MESH, fileName=file.name)
     if shape < 0:
         raise EngineError('Bullet cannot read convex pieces')
     return shape
@@ -95,23 +80,6 @@ def _obj_text(pieces: tuple[Array, ...]) -> str:
         lines += [f'f {first + i} {first + (i + 1) % n} {first + (i + 2) % n}' for i in range(n)]
         first += n
     return '\n'.join(lines) + '\n'
-
-
-class _Client:
-    """A connection to Bullet that closes when its thread ends."""
-
-    def __init__(self) -> None:
-        self.number: int = pybullet.connect(pybullet.DIRECT)
-        if self.number < 0:
-            raise EngineError('Bullet cannot create another world in this process')
-        weakref.finalize(self, pybullet.disconnect, self.number)
-
-
-class _PerThread(threading.local):
-    client: _Client
-
-
-_thread_data = _PerThread()
 
 
 # -- World ----------------------------------------------------------------------------------------
@@ -167,16 +135,15 @@ class World:
     def __init__(
         self, job: DropJob, frame: Array | None = None, breaking: float = CONTACT_BREAKING
     ) -> None:
-        client = empty_client()
         residual = SOLVER_RESIDUAL if job.scene.level else RESIDUAL
         if job.motion is not None:
             residual = max(residual, MOTION_RESIDUAL)
-        self._job, self._scene, self._client = job, job.scene, client
+        self._job, self._scene, self._bullet = job, job.scene, empty_client()
         self._frame = job.frame_velocity if frame is None else frame
         self._bodies: list[tuple[int, tuple[list[float], ...]]] = []
         self._belts: list[tuple[int, tuple[list[float], ...]]] = []
-        pybullet.setGravity(*job.scene.down.tolist(), physicsClientId=client)
-        pybullet.setPhysicsEngineParameter(
+        self._bullet.setGravity(*job.scene.down.tolist())
+        self._bullet.setPhysicsEngineParameter(
             numSubSteps=0,
             numSolverIterations=MAX_SOLVER_ITERATIONS,
             solverResidualThreshold=residual,
@@ -186,26 +153,24 @@ class World:
             restitutionVelocityThreshold=RESTITUTION_THRESHOLD,
             contactBreakingThreshold=min(breaking, THIN_PART_FRACTION * job.min_height),
             deterministicOverlappingPairs=1,
-            physicsClientId=client,
         )
         self._set_steps(job.steps_per_t)
         for body in job.scene.bodies:
             self._add_body(body)
         if len(job.pieces) > 1:
-            self._shape = compound(job.pieces, client)
+            self._shape = compound(job.pieces, self._bullet)
         else:
-            self._shape = pybullet.createCollisionShape(
-                pybullet.GEOM_MESH, vertices=_corners(job.hull.tobytes()), physicsClientId=client
+            self._shape = self._bullet.createCollisionShape(
+                self._bullet.GEOM_MESH, vertices=_corners(job.hull.tobytes())
             )
 
     def _set_steps(self, steps_per_t: int) -> None:
         """Set the number of time steps per T."""
         self._steps_per_t, self._step = steps_per_t, 1 / steps_per_t
-        pybullet.setPhysicsEngineParameter(
+        self._bullet.setPhysicsEngineParameter(
             fixedTimeStep=self._step,
             erp=self._step / PENETRATION_TIME,
             contactERP=self._step / PENETRATION_TIME,
-            physicsClientId=self._client,
         )
 
     def _add_body(self, body: SceneBody) -> None:
@@ -231,7 +196,7 @@ class World:
         # of the motion; without it, a box that slides obliquely to the axes of a plane travels up
         # to 14 % too far or too short. But Bullet then ignores a velocity.
         options = {} if movable else {'useMaximalCoordinates': 1}
-        body: int = pybullet.createMultiBody(0, shape, physicsClientId=self._client, **options)
+        body: int = self._bullet.createMultiBody(0, shape, **options)
         self._set(
             body,
             restitution=contact.restitution,
@@ -246,20 +211,16 @@ class World:
         """Yield the shapes of a body, and the place (3,) of each, R."""
         radius = self._job.radius
         if isinstance(body, HalfSpace):
-            plane = pybullet.createCollisionShape(
-                pybullet.GEOM_PLANE,
-                planeNormal=body.normal.tolist(),
-                physicsClientId=self._client,
+            plane = self._bullet.createCollisionShape(
+                self._bullet.GEOM_PLANE, planeNormal=body.normal.tolist()
             )
             yield plane, body.normal * body.offset / radius
         elif isinstance(body, Block):
             low, high = body.low / radius, body.high / radius
             if self._scene.free:  # the same everywhere along x, where the parts are side by side
                 low[0], high[0] = -LONG, LONG
-            box = pybullet.createCollisionShape(
-                pybullet.GEOM_BOX,
-                halfExtents=((high - low) / 2).tolist(),
-                physicsClientId=self._client,
+            box = self._bullet.createCollisionShape(
+                self._bullet.GEOM_BOX, halfExtents=((high - low) / 2).tolist()
             )
             yield box, (high + low) / 2
         else:
@@ -269,40 +230,34 @@ class World:
     def _mesh_shapes(self, body: MeshBody) -> Iterator[int]:
         radius = self._job.radius
         if body.prisms:
-            yield compound(tuple(corners / radius for corners in body.prisms), self._client)
+            yield compound(tuple(corners / radius for corners in body.prisms), self._bullet)
         remaining = body.vertices[body.triangles] if body.remaining is None else body.remaining
         if len(remaining):
             vertices, indices = _lists((remaining / radius).tobytes())
-            yield pybullet.createCollisionShape(
-                pybullet.GEOM_MESH,
+            yield self._bullet.createCollisionShape(
+                self._bullet.GEOM_MESH,
                 vertices=vertices,
                 indices=indices,
-                flags=pybullet.GEOM_FORCE_CONCAVE_TRIMESH,
-                physicsClientId=self._client,
+                flags=self._bullet.GEOM_FORCE_CONCAVE_TRIMESH,
             )
 
     def _place(self, body: int, *state: list[float]) -> None:
         """Set position, orientation, velocity and spin of a body."""
-        client = self._client
-        pybullet.resetBasePositionAndOrientation(body, *state[:2], physicsClientId=client)
-        pybullet.resetBaseVelocity(body, *state[2:], physicsClientId=client)
+        self._bullet.resetBasePositionAndOrientation(body, *state[:2])
+        self._bullet.resetBaseVelocity(body, *state[2:])
 
     def _set(self, body: int, **values: float | list[float]) -> None:
-        pybullet.changeDynamics(body, -1, physicsClientId=self._client, **values)
+        self._bullet.changeDynamics(body, -1, **values)
 
     def _collide(self, body: int, group: int, mask: int) -> None:
-        pybullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=self._client)
+        self._bullet.setCollisionFilterGroupMask(body, -1, group, mask)
 
     def _add(self, states: States) -> list[int]:
         """Add the parts, which a collision mask keeps from touching each other."""
         # Creating all bodies at once and placing them afterwards is faster: creating them one by
         # one takes a tenth of the time of a drop.
-        bodies: tuple[int, ...] = pybullet.createMultiBody(
-            1,
-            self._shape,
-            batchPositions=states.position.tolist(),
-            useMaximalCoordinates=1,
-            physicsClientId=self._client,
+        bodies: tuple[int, ...] = self._bullet.createMultiBody(
+            1, self._shape, batchPositions=states.position.tolist(), useMaximalCoordinates=1
         )
         for body in bodies:
             self._set(
@@ -322,7 +277,7 @@ class World:
                 # Contacts act only on touch. By default, Bullet slows an approaching part before
                 # the contact, and with fine steps no speed is left to bounce (bullet3 issue 4341).
                 contactProcessingThreshold=0,
-                activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+                activationState=self._bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             )
         starts = list(zip(*(each.tolist() for each in states.arrays), strict=True))
         self._apply_inertia(bodies, starts)
@@ -340,9 +295,9 @@ class World:
         for body, (position, orientation, *_) in zip(bodies, starts, strict=True):
             self._collide(body, 0, 0)
             self._place(body, position, orientation, [0.0] * 3, [0.0] * 3)
-        pybullet.setPhysicsEngineParameter(fixedTimeStep=SHORT, physicsClientId=self._client)
-        pybullet.stepSimulation(physicsClientId=self._client)
-        pybullet.setPhysicsEngineParameter(fixedTimeStep=self._step, physicsClientId=self._client)
+        self._bullet.setPhysicsEngineParameter(fixedTimeStep=SHORT)
+        self._bullet.stepSimulation()
+        self._bullet.setPhysicsEngineParameter(fixedTimeStep=self._step)
 
     def drop(self, states: InitialState) -> Settling:
         """Release parts and step until each has ended."""
@@ -354,7 +309,7 @@ class World:
     def follow(
         self,
         states: States,
-        ended: Callable[[States], npt.NDArray[np.bool_]],
+        ended: Callable[[States], Flags],
         limit: float,
     ) -> States:
         """Step parts from n states until each has ended, and return their last states.
@@ -374,7 +329,7 @@ class World:
                 whole[moving] = part
             over = ended(here)
             for i in moving[over].tolist():
-                pybullet.removeBody(bodies[i], physicsClientId=self._client)
+                self._bullet.removeBody(bodies[i])
             moving = moving[~over]
         return States(*last)
 
@@ -385,7 +340,7 @@ class World:
             now = self._until_check(now)
             moving = self._states(bodies, settling.moving)
             for i in settling.check(now, moving):
-                pybullet.removeBody(bodies[i], physicsClientId=self._client)
+                self._bullet.removeBody(bodies[i])
 
     def _until_check(self, now: float) -> float:
         """Step the world from the time ``now``, T, to the next check; returns the time of it."""
@@ -403,7 +358,7 @@ class World:
             # half-spaces, which move along themselves.
             for body, state in self._belts:
                 self._place(body, *state)
-            pybullet.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()
 
     def _shake(self, made: int, steps: int) -> None:
         """Step the world and move all its bodies together.
@@ -421,7 +376,7 @@ class World:
         *states, last = zip(*(values.tolist() for values in scaled), strict=True)
         for state in states:
             self._move(state)
-            pybullet.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()
         self._move(last)
 
     def _move(self, state: tuple[list[float], ...]) -> None:
@@ -439,10 +394,10 @@ class World:
             moved = (at + arm, facing, v + np.cross(w, arm) + own, w)
             self._place(body, *(values.tolist() for values in moved))
 
-    def _states(self, bodies: list[int] | dict[int, int], which: npt.NDArray[np.int64]) -> States:
-        ids, client = [bodies[i] for i in which.tolist()], self._client
-        poses = [pybullet.getBasePositionAndOrientation(i, physicsClientId=client) for i in ids]
-        speeds = [pybullet.getBaseVelocity(i, physicsClientId=client) for i in ids]
+    def _states(self, bodies: list[int] | dict[int, int], which: Indices) -> States:
+        ids = [bodies[i] for i in which.tolist()]
+        poses = [self._bullet.getBasePositionAndOrientation(i) for i in ids]
+        speeds = [self._bullet.getBaseVelocity(i) for i in ids]
         position, orientation = map(np.array, zip(*poses, strict=True))
         velocity, spin = map(np.array, zip(*speeds, strict=True))
         return States(position, orientation, velocity, spin)

@@ -17,7 +17,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Optional, TypeVar
 from pydantic import create_model
 
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, one_line, shown
-from resting_aspects_ros.input_files import FileModel, Number, named, read_yaml, validated
+from resting_aspects_ros.input_files import (
+    FileModel,
+    Number,
+    named,
+    parse_quantity,
+    read_yaml,
+    validated,
+)
 from resting_aspects_ros.system import config_folder
 
 if TYPE_CHECKING:
@@ -94,14 +101,15 @@ class Quantity:
         return f'{lower} {self.high:g}{unit}'
 
     def check(self, name: str, value: Any) -> float:
-        """Return the value as a float; raises InvalidValueError if it is out of bounds."""
+        """Return a number, or a text such as '60mm', in SI units; raises InvalidValueError."""
+        if isinstance(value, str):
+            value = parse_quantity(name, value, self.unit)
         number = isinstance(value, int | float) and not isinstance(value, bool)
         # The comparison precedes the conversion, because an integer can be too large for a float.
         within = number and self.low <= value <= self.high and math.isfinite(value)
         if within and (value > self.low or not self.above):
             return float(value)
-        plain = f'a plain number in {self.unit}, ' if isinstance(value, str) and self.unit else ''
-        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {plain}{self.allowed()}')
+        raise InvalidValueError(f'invalid {name} {shown(value)}: expected {self.allowed()}')
 
 
 def quantity(label: str, unit: str, text: str, *, default: Any = ..., **options: Any) -> Any:
@@ -119,22 +127,18 @@ def quantities_of(declared: Any) -> dict[str, Quantity]:
     }
 
 
-def check_quantities(values: Any) -> None:
-    """Replace the quantities of a frozen dataclass by floats; raises InvalidValueError."""
-    for name, each in quantities_of(values).items():
-        object.__setattr__(values, name, each.check(name, getattr(values, name)))
-
-
 class Described:
     """The base of frozen dataclasses whose quantities are checked when one is made.
 
-    Flags, keys of files, documents and texts follow from the quantities.
+    They become floats; raises InvalidValueError. Flags, keys of files, documents and texts follow
+    from the quantities.
     """
 
     kind: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        for name, each in quantities_of(self).items():
+            object.__setattr__(self, name, each.check(name, getattr(self, name)))
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -254,17 +258,14 @@ Samples = tuple[Mapping[str, float], ...]
 
 
 @dataclass(frozen=True)
-class DropConditions:
+class DropConditions(Described):
     """Validated conditions of a drop. Friction and restitution belong to the pair of materials.
 
     uncertainty : tuple of dict of str to float
         Equally probable values of those that are not known exactly, such as `calibrate` writes.
         They are no part of what is simulated: conditions that differ only in them are equal.
 
-    Raises
-    ------
-    InvalidValueError
-        If a value is not a finite number within its bounds.
+    Raises InvalidValueError if a value is not a finite number within its bounds.
     """
 
     height: float = quantity(
@@ -315,7 +316,7 @@ class DropConditions:
     uncertainty: Samples = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_quantities(self)
+        super().__post_init__()
         if self.surroundings is not None and self.surroundings.level:
             object.__setattr__(self, 'surroundings', None)
         try:
@@ -328,7 +329,7 @@ class DropConditions:
 
     def values(self) -> tuple[float, ...]:
         """Return the values that a surface has, without its name, for comparison."""
-        return (*(getattr(self, name) for name in QUANTITIES), float(self.height_of))
+        return (*self.numbers.values(), float(self.height_of))
 
     def key(self) -> tuple[object, ...]:
         """Return everything physical, for comparison: the values and the surroundings."""
@@ -385,24 +386,6 @@ class Noise(Described):
 QUANTITIES: dict[str, Quantity] = quantities_of(DropConditions)
 
 
-# -- Files of the configuration -------------------------------------------------------------------
-
-
-def surfaces_file() -> Path:
-    """Return the file of the named conditions."""
-    return config_folder() / 'surfaces.yaml'
-
-
-def actions_file() -> Path:
-    """Return the file of the named actions."""
-    return config_folder() / 'actions.yaml'
-
-
-def surroundings_folder() -> Path:
-    """Return the folder of the named surroundings."""
-    return config_folder() / 'surroundings'
-
-
 # -- Named surfaces -------------------------------------------------------------------------------
 
 
@@ -430,28 +413,26 @@ EXPECTED = {
 }
 
 
+@dataclass(frozen=True, eq=False)
 class Surfaces:
-    """The named sets of conditions."""
+    """The named sets of conditions, and what each resembles and where its values come from."""
 
-    def __init__(
-        self, sets: Mapping[str, DropConditions], sources: Mapping[str, str] | None = None
-    ) -> None:
-        self._sets = dict(sets)
-        self._sources = dict(sources or {})
+    sets: Mapping[str, DropConditions]
+    sources: Mapping[str, str] = field(default_factory=dict)
 
     def names(self) -> list[str]:
         """Return all names, sorted."""
-        return sorted(self._sets)
+        return sorted(self.sets)
 
     def get(self, name: str = '') -> DropConditions:
         """Return the conditions of a surface; an empty name selects the default surface."""
         name = name or DEFAULT_SURFACE
-        if name not in self._sets:
+        if name not in self.sets:
             raise InvalidValueError(
                 f'invalid surface {shown(name)}: expected one of {", ".join(self.names())}'
                 f'{did_you_mean(name, self.names())}'
             )
-        return self._sets[name]
+        return self.sets[name]
 
     def recorded_uncertainty(self, conditions: DropConditions) -> Samples | None:
         """Return equally probable values of what is not known exactly; empty if all is.
@@ -463,36 +444,32 @@ class Surfaces:
         None: there is no surface with this name and these values.
         """
         if conditions.surface:
-            named = self._sets.get(conditions.surface)
+            named = self.sets.get(conditions.surface)
             if named is None or named.values() != conditions.values():
                 return None
             return named.uncertainty
-        for each in self._sets.values():
+        for each in self.sets.values():
             same = all(getattr(each, x) == getattr(conditions, x) for x in each.uncertain)
             if each.uncertain and same:
                 return each.uncertainty
         return ()
 
     def source(self, name: str = '') -> str:
-        """Return what a surface resembles and where its values come from; can be empty."""
-        return self._sources.get(name or DEFAULT_SURFACE, '')
+        """Return the source of a surface; can be empty."""
+        return self.sources.get(name or DEFAULT_SURFACE, '')
 
     def named(self, conditions: DropConditions) -> DropConditions:
         """Return the conditions, without the surface's name if the surface has other values."""
-        known = self._sets.get(conditions.surface)
-        if known is not None and known.values() == conditions.values():
-            return (
-                known
-                if known.key() == conditions.key()
-                else dataclasses.replace(known, surroundings=conditions.surroundings)
-            )
-        return dataclasses.replace(conditions, surface='')
+        known = self.sets.get(conditions.surface)
+        if known is None or known.values() != conditions.values():
+            return dataclasses.replace(conditions, surface='')
+        return known.changed(surroundings=conditions.surroundings)
 
     def text(self, conditions: DropConditions) -> str:
         """Describe conditions: 'steel', or 'steel with friction 0.3 and spin 5 rad/s'."""
         if conditions.surface:
             return conditions.surface
-        changes = {name: _changes(known, conditions) for name, known in self._sets.items()}
+        changes = {name: _changes(known, conditions) for name, known in self.sets.items()}
         name = min(changes, key=lambda name: (len(changes[name]), name != DEFAULT_SURFACE))
         if len(changes[name]) > MAX_CHANGES:
             return 'own conditions'
@@ -500,14 +477,6 @@ class Surfaces:
             return name
         *most, last = changes[name]
         return f'{name} with {", ".join(most)}{" and " if most else ""}{last}'
-
-    def extended(self, path: Path) -> 'Surfaces':
-        """Return these surfaces and those of a file, which replace others of the same name."""
-        own = Surfaces.read(path)
-        return Surfaces(
-            self._sets | own._sets,  # noqa: SLF001
-            self._sources | own._sources,  # noqa: SLF001
-        )
 
     @classmethod
     def read(cls, path: Path) -> 'Surfaces':
@@ -520,9 +489,12 @@ class Surfaces:
 
 
 def all_surfaces(own: str | Path | None = None) -> Surfaces:
-    """Return the surfaces of the suite, and those of a file if it is given."""
-    shipped = Surfaces.read(surfaces_file())
-    return shipped.extended(Path(own)) if own else shipped
+    """Return the surfaces of the suite, and those of a file, which replace others of a name."""
+    found = Surfaces.read(config_folder() / 'surfaces.yaml')
+    if own:
+        added = Surfaces.read(Path(own))
+        found = Surfaces({**found.sets, **added.sets}, {**found.sources, **added.sources})
+    return found
 
 
 def _changes(known: DropConditions, conditions: DropConditions) -> list[str]:

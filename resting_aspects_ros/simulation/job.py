@@ -167,11 +167,8 @@ class DropJob:
     engine : str
         KERNEL, CUDA or BULLET.
 
-    Raises
-    ------
-    InvalidValueError
-        If the surface moves for more than MAX_MOTION_STEPS time steps, without refinement, if an
-        upper belt is too slow, or if its restitution is more than 1.
+    Raises InvalidValueError if the surface moves for more than MAX_MOTION_STEPS time steps,
+    without refinement, or if an upper belt is too slow.
     """
 
     hull: Array
@@ -192,31 +189,21 @@ class DropJob:
     engine: str = KERNEL
 
     def __post_init__(self) -> None:
-        if self.edge is not None:
-            self._check_edge(self.edge)
-        if self.motion is None:
-            return
-        step = min(self.time_step * self.refinement, self.motion.time_step)
-        longest = MAX_MOTION_STEPS * step
-        if self.motion.duration > longest:
-            raise InvalidValueError(
-                f'invalid duration {self.motion.duration:.4g} s: expected at most {longest:.4g} s '
-                f'for this part, which is {MAX_MOTION_STEPS} time steps'
-            )
-
-    def _check_edge(self, edge: 'Step') -> None:
+        edge, motion = self.edge, self.motion
         slowest = self.radius / (MAX_BELT_TIME * self.time_unit)
-        if edge.belt_speed < slowest:
+        if edge is not None and edge.belt_speed < slowest:
             raise InvalidValueError(
                 f'invalid belt speed {edge.belt_speed:.4g} m/s: expected at least {slowest:.4g} '
                 'm/s for this part'
             )
-        restitution = self.conditions.restitution * edge.restitution_factor
-        if restitution > 1:
-            raise InvalidValueError(
-                f'invalid restitution {restitution:.4g} of the upper belt, which follows from the '
-                'restitution and the restitution factor: expected at most 1'
-            )
+        if motion is not None:
+            step = min(self.time_step * self.refinement, motion.time_step)
+            longest = MAX_MOTION_STEPS * step
+            if motion.duration > longest:
+                raise InvalidValueError(
+                    f'invalid duration {motion.duration:.4g} s: expected at most {longest:.4g} s '
+                    f'for this part, which is {MAX_MOTION_STEPS} time steps'
+                )
 
     @property
     def lower_speed(self) -> float:
@@ -417,8 +404,13 @@ def make_job(
             f'{source}: expected at most '
             f'{fastest:.4g} m/s for its size and gravity'
         )
-    if not scene.level:
-        _check_belts(job, scene)
+    fastest = MAX_BELT * job.radius / job.time_unit
+    for body in scene.bodies:
+        if abs(body.contact.speed) > fastest and not scene.level:
+            raise InvalidValueError(
+                f'invalid speed {body.contact.speed:g} m/s of the {body.name}: expected at most '
+                f'{fastest:.3g} m/s for the size of this part and gravity'
+            )
     return job
 
 
@@ -458,17 +450,6 @@ def _engine(wanted: str, scene: Scene, starts: Starts | None) -> str:
             )
         return BULLET
     return wanted or KERNEL
-
-
-def _check_belts(job: DropJob, scene: Scene) -> None:
-    """Raise InvalidValueError if a surface moves faster than the time step resolves."""
-    fastest = MAX_BELT * job.radius / job.time_unit
-    for body in scene.bodies:
-        if abs(body.contact.speed) > fastest:
-            raise InvalidValueError(
-                f'invalid speed {body.contact.speed:g} m/s of the {body.name}: expected at most '
-                f'{fastest:.3g} m/s for the size of this part and gravity'
-            )
 
 
 def rolling_length(landscape: Landscape, aspects: list[JoinedMinima]) -> float:

@@ -465,7 +465,7 @@ def _across(con, i, un, ux, uy, mu, angle):
 
 
 @jit
-def _solve(con, of, planes, axes, roll, counts, count, residual, inverse, v, w):
+def _solve(con, of, planes, axes, roll, count, residual, inverse, v, w):
     """Return velocity and spin after the impulses of the contacts, body axes.
 
     Gauss-Seidel: each contact is solved exactly with the impulses of the others, until no speed
@@ -486,7 +486,6 @@ def _solve(con, of, planes, axes, roll, counts, count, residual, inverse, v, w):
     before, last = inf, 1.0
     dv = dw = (0.0, 0.0, 0.0)
     for _ in range(ITERATIONS):
-        counts[3] += 1
         v_before, w_before, dv_before, dw_before = v, w, dv, dw
         for i in range(count):
             _put(con, i, BEFORE, _at(con, i, PN))
@@ -708,7 +707,7 @@ def _look(body, ground, work, moving, axes, c, v, w, spun, most, gap):
             spin = _plus(w, -1.0, _body(axes, turn))
         a = _cross(n, spin)
         b = _plus(_plus(_cross(n, spun), _dot(w, n), w), -w2, n)
-        work.counts[4] += 1
+        work.counts[0] += 1
         values = work.values[i]
         count, low, lowest, first, rate = _scan(
             p,
@@ -717,7 +716,7 @@ def _look(body, ground, work, moving, axes, c, v, w, spun, most, gap):
             work.found[i],
             values,
             work.mark,
-            work.counts[4],
+            work.counts[0],
             work.lowest[i],
             n,
             a,
@@ -844,7 +843,6 @@ def _impact(work, count, still, moments, inverse, v, w):
         planes,
         work.axes,
         work.roll,
-        work.counts,
         count,
         IMPACT_RESIDUAL,
         inverse,
@@ -866,7 +864,6 @@ def _impact(work, count, still, moments, inverse, v, w):
         planes,
         work.axes,
         work.roll,
-        work.counts,
         count,
         IMPACT_RESIDUAL,
         inverse,
@@ -903,11 +900,11 @@ def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun,
             arm = _plus(_plus(_world(axes, r), 1.0, c), -1.0, _at(planes, pl, ORIGIN))
             surface = _plus(_at(planes, pl, VELOCITY), 1.0, _cross(_at(planes, pl, ANGULAR), arm))
             con[i, AIM] += _dot(_at(planes, pl, NORMAL), surface)
-        for j in range(work.counts[5]):
+        for j in range(work.counts[1]):
             if work.old_corner[j, 0] == k and work.old_corner[j, 1] == pl:
                 con[i, PN], con[i, PX] = work.old[j, 0] * dt, work.old[j, 1] * dt
                 con[i, PY] = work.old[j, 2] * dt
-    lasting = work.counts[5] > 0
+    lasting = work.counts[1] > 0
     for i in range(len(planes)):
         for j in range(3):
             work.roll[i, j] = work.old_roll[i, j] * dt if lasting else 0.0
@@ -917,14 +914,13 @@ def _pressed(body, ground, work, count, moving, gap, axes, c, dt, inverse, spun,
         planes,
         work.axes,
         work.roll,
-        work.counts,
         count,
         RESIDUAL,
         inverse,
         v,
         w,
     )
-    work.counts[5] = count
+    work.counts[1] = count
     for i in range(count):
         work.old_corner[i, 0], work.old_corner[i, 1] = work.corner[i], work.plane[i]
         work.old[i, 0], work.old[i, 1] = con[i, PN] / dt, con[i, PX] / dt
@@ -1090,11 +1086,10 @@ def simulate_taken(body, ground, numerics, work, limit, states, ends, codes, tak
                 work.lowest[k] = body.near[0]
                 for j in range(PLANE):
                     work.planes[k, j] = ground.planes[k, j]
-            work.counts[5] = 0
+            work.counts[1] = 0
             track[:] = 0.0
             track[0] = track[6] = -inf
         steps += 1
-        work.counts[0] += 1
         if moving:
             _moved(work.planes, ground.planes, motion, t)
             if t >= motion[DURATION]:
@@ -1113,7 +1108,7 @@ def simulate_taken(body, ground, numerics, work, limit, states, ends, codes, tak
             c0, v0, w0, q0, t0 = c, v, w, q, t
             since, flying = deepest, True
             dt = max(1e-6, first)
-            work.counts[5] = 0
+            work.counts[1] = 0
         else:
             flying = False
         decide, minimum, rested = False, -1, t
@@ -1142,14 +1137,12 @@ def simulate_taken(body, ground, numerics, work, limit, states, ends, codes, tak
             count = _contacts(body, work, moving, impact, axes, c, inverse)
             vb = _body(axes, v)
             if impact:
-                work.counts[1] += 1
                 vb, w = _impact(work, count, still, moments, inverse, vb, w)
                 v = _world(axes, vb)
-                work.counts[5] = 0
+                work.counts[1] = 0
                 at_once += 1
                 decide = True
             else:
-                work.counts[2] += 1
                 at_once = 0
                 v1, w = _pressed(
                     body, ground, work, count, moving, gap, axes, c, dt, inverse, spun, vb, w
@@ -1229,6 +1222,6 @@ def simulate(body, ground, numerics, work, limit, states, ends, codes):
     codes : (n, 2) int
         Where the codes of RestStatus and the minima, or -1, are written.
     """
-    work.counts[6] = 0
-    taken = work.counts[6:]
+    work.counts[2] = 0
+    taken = work.counts[2:]
     simulate_taken(body, ground, numerics, work, limit, states, ends, codes, taken, _take)

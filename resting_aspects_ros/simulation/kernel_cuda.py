@@ -7,10 +7,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import cuda, float64, int64
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation import kernel, kernel_data
 
@@ -40,7 +39,7 @@ def simulate(
     limit: Array,
     states: kernel_data.States,
     ends: Array,
-    codes: npt.NDArray[np.int64],
+    codes: Indices,
 ) -> None:
     """Simulate drops on the GPU; see kernel.simulate."""
     corners, planes = body.points.shape[1], len(ground.planes)
@@ -109,7 +108,7 @@ def _drops(body, ground, numerics, corners, values, limit, states, ends, codes, 
         old_corner=cuda.local.array((CONTACTS, 2), int64)[:few],
         old_roll=cuda.local.array((PLANES, 6), float64)[:n],
         track=cuda.local.array(15, float64),
-        counts=cuda.local.array(7, int64),
+        counts=cuda.local.array(3, int64),
     )
     # As work_of sets them.
     for k in range(body.points.shape[1]):

@@ -178,5 +178,5 @@ def work_of(body: Body, ground: Ground) -> Work:
         old_corner=np.zeros((count, 2), np.int64),
         old_roll=np.zeros((planes, 6)),
         track=np.zeros(15),
-        counts=np.zeros(7, np.int64),
+        counts=np.zeros(3, np.int64),
     )

@@ -16,11 +16,10 @@ from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.simulation import kernel_data
 from resting_aspects_ros.simulation.actions import RAMP_PERIODS
 from resting_aspects_ros.simulation.conditions import CUDA
@@ -47,7 +46,7 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     limit = TIME_LIMIT + states.flight
     if motion is not None:
         limit += motion.duration / job.time_unit
-    numerics = kernel_data.Numerics().refined(job.refinement, not job.until_still)
+    numerics = Numerics().refined(job.refinement, not job.until_still)
     (_on_gpu() if job.engine == CUDA else simulate)(
         body_of(job),
         ground_of(job),
@@ -79,8 +78,8 @@ def _on_gpu() -> Callable[..., None]:
 
 
 @lru_cache(maxsize=16)
-def body_of(job: DropJob) -> kernel_data.Body:
-    """Return the part of a job for the kernel_data."""
+def body_of(job: DropJob) -> Body:
+    """Return the part of a job for the kernel."""
     rule, axes = job.rest, Rotation.from_quat(job.axes)
     hull, landscape = rule.landscape.hull, rule.landscape
 
@@ -89,7 +88,7 @@ def body_of(job: DropJob) -> kernel_data.Body:
 
     fans = hull.edges_of_points
     pairs = _edges(hull.points)
-    return kernel_data.Body(
+    return Body(
         points=np.ascontiguousarray(in_body(hull.points).T),
         starts=np.searchsorted(pairs[:, 0], np.arange(len(hull.points) + 1)),
         near=np.ascontiguousarray(pairs[:, 1]),
@@ -121,12 +120,12 @@ def _edges(points: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def ground_of(job: DropJob) -> kernel_data.Ground:
-    """Return what the part of a job touches, for the kernel_data."""
+def ground_of(job: DropJob) -> Ground:
+    """Return what the part of a job touches, for the kernel."""
     scale = job.time_unit / job.radius
     scene = job.scene
     planes = np.array([_plane(job, space) for space in scene.half_spaces])
-    return kernel_data.Ground(
+    return Ground(
         planes=planes,
         gravity=job.scene.down,
         carriers=scene.velocities() * scale,
@@ -196,12 +195,11 @@ def simulate(
     limit: Array | float,
     states: States,
     ends: Array,
-    codes: npt.NDArray[np.int64],
-) -> npt.NDArray[np.int64]:
+    codes: Indices,
+) -> None:
     """Simulate drops from their states until each has ended; see kernel.simulate.
 
-    The lock of the interpreter is released meanwhile. Returns (4,) int, the numbers of steps,
-    impacts, steps of lasting contact and iterations.
+    The lock of the interpreter is released meanwhile.
     """
     work = work_of(body, ground)
     limits = np.full(len(ends), limit, dtype=np.float64)
@@ -213,7 +211,6 @@ def simulate(
     # Where Numba's functions return a value and an exception, of which there are none.
     nothing, error = ctypes.c_void_p(), ctypes.c_void_p()
     function(ctypes.byref(nothing), ctypes.byref(error), *_flat(arguments))
-    return np.asarray(work.counts[:4], dtype=np.int64)
 
 
 def _types(value: Any) -> Iterator[str]:
@@ -250,7 +247,7 @@ def _flat(value: Any) -> Iterator[Any]:
 @cache
 def _file(types: str) -> str:
     """Return the name of the file of this processor, these sources and versions."""
-    folder = Path(kernel_data.__file__).parent
+    folder = Path(__file__).parent
     digest = hashlib.sha256(types.encode())
     for name in SOURCES:
         digest.update((folder / name).read_bytes())
@@ -263,7 +260,7 @@ def _file(types: str) -> str:
 def _folders() -> tuple[Path, ...]:
     """Return where the file can be: beside the sources, or in the cache of the user."""
     caches = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
-    return Path(kernel_data.__file__).parent / '__pycache__', Path(caches) / 'resting_aspects_ros'
+    return Path(__file__).parent / '__pycache__', Path(caches) / 'resting_aspects_ros'
 
 
 _functions: dict[str, Any] = {}

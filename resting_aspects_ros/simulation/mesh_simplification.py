@@ -186,15 +186,9 @@ class _Surface:
         self.points = np.unique(pieces.reshape(-1, 3), axis=0)
 
     def distance(self, other: '_Surface') -> float:
-        """Return the Hausdorff distance, or infinity if it is larger than twice TOLERANCE."""
-        return max(_furthest(self.points, other.tree), _furthest(other.points, self.tree))
-
-
-def _furthest(points: Array, tree: TriangleTree) -> float:
-    point, _, way = tree.nearest(points, 2 * TOLERANCE)
-    if len(point) < len(points):
-        return np.inf
-    return float(np.linalg.norm(way, axis=1).max())
+        """Return the Hausdorff distance."""
+        pairs = (self.points, other.tree), (other.points, self.tree)
+        return max(float(tree.distances(at, 2 * TOLERANCE)[0].max()) for at, tree in pairs)
 
 
 class Bends:

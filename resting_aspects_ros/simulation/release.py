@@ -3,15 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtri
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Bytes, Indices
 from resting_aspects_ros.rotations import (
     Random,
     canonical,
     composed,
-    down_in_part,
     product,
     random_orientations,
     rotate,
@@ -20,7 +18,7 @@ from resting_aspects_ros.rotations import (
 from resting_aspects_ros.simulation.conditions import BULLET, DropConditions, HeightOf
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.scene import (
-    depth_along,
+    depth_of,
     heights_at_touch,
     in_scene_axes,
     in_tray_axes,
@@ -114,9 +112,7 @@ def initial_states(job: DropJob, first: int, end: int) -> InitialState:
     return (_released if job.scene.level else _in_scene)(job, random, n)
 
 
-def _started(
-    job: DropJob, starts: Starts, index: npt.NDArray[np.int64], random: Random
-) -> InitialState:
+def _started(job: DropJob, starts: Starts, index: Indices, random: Random) -> InitialState:
     """Return the initial states of parts that start as ``starts`` determines."""
     states, scene = starts.states(index, random), job.scene
     of_body = composed(states.orientation, job.axes)
@@ -200,15 +196,6 @@ def part_from_body(of_body: Array, axes: Array) -> Array:
     return composed(of_body, axes * [-1, -1, -1, 1])
 
 
-def depth_of(xyzw: Array, hull: Array) -> Array:
-    """Return the heights, (n,), of the centre of mass above the lowest point of the hull."""
-    # A matrix product would not do: its rounding depends on the number of rows, so that a drop's
-    # height would depend on how many other drops are simulated.
-    x, y, z = down_in_part(xyzw).T[:, :, None]
-    reach: Array = (x * hull[:, 0] + y * hull[:, 1] + z * hull[:, 2]).max(axis=1)
-    return reach
-
-
 # -- Ends -----------------------------------------------------------------------------------------
 
 
@@ -230,8 +217,8 @@ class Ends:
 
     position: Array
     orientation: Array
-    status: npt.NDArray[np.uint8]
-    minimum: npt.NDArray[np.int64]
+    status: Bytes
+    minimum: Indices
     time: Array
     growth: Array
 
@@ -273,7 +260,7 @@ def _put_down(job: DropJob, position: Array, orientation: Array) -> Array:
     """Return positions (n, 3), R, at which hulls that rest near half-spaces touch them."""
     position = position.copy()
     planes = [
-        (p.normal, p.offset / job.radius, depth_along(orientation, -p.normal, job.hull))
+        (p.normal, p.offset / job.radius, depth_of(orientation, job.hull, -p.normal))
         for p in job.scene.half_spaces
     ]
     gaps = [(position * n).sum(axis=1) - offset - reach for n, offset, reach in planes]

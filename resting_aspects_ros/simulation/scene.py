@@ -6,13 +6,13 @@ along the axes of a plane, which depend on the plane's normal; in the scene fram
 directions in which parts mostly slide. The published frame is the tray frame, with z up.
 """
 
+import math
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import product, rotate
 from resting_aspects_ros.simulation.conditions import DropConditions
@@ -88,7 +88,7 @@ class MeshBody(SceneBody):
     """
 
     vertices: Array
-    triangles: npt.NDArray[np.int64]
+    triangles: Indices
     prisms: tuple[Array, ...] = ()
     remaining: Array | None = None
     sides: int = 0
@@ -231,14 +231,14 @@ def in_tray_axes(scene: Scene, orientation: Array) -> Array:
     return product(np.tile(scene.tray_from_scene, (len(orientation), 1)), orientation)
 
 
-def depth_along(orientation: Array, direction: Array, corners: Array) -> Array:
+def depth_of(orientation: Array, corners: Array, direction: Array = -Z) -> Array:
     """Return how far the corners (k, 3) of bodies in orientations (n, 4) reach, (n,).
 
-    ``direction`` (3,) is a unit vector in the frame of the orientations.
+    ``direction`` (3,) is a unit vector in the frame of the orientations; by default down.
     """
-    inverse = orientation * [-1, -1, -1, 1]
-    x, y, z = rotate(inverse, direction).T[:, :, None]
-    # Not a matrix product, whose rounding depends on the number of rows; see depth_of.
+    x, y, z = rotate(orientation * [-1, -1, -1, 1], direction).T[:, :, None]
+    # A matrix product would not do: its rounding depends on the number of rows, so that a drop's
+    # height would depend on how many other drops are simulated.
     reach: Array = (x * corners[:, 0] + y * corners[:, 1] + z * corners[:, 2]).max(axis=1)
     return reach
 
@@ -258,10 +258,10 @@ def heights_at_touch(scene: Scene, base: Array, orientation: Array, corners: Arr
     # The planes that a part can meet when it falls.
     planes = [plane for plane in scene.faces if -float(plane.normal @ scene.down) > STEEP]
     if not planes:
-        return scene.ground + depth_along(orientation, scene.down, corners)
+        return scene.ground + depth_of(orientation, corners, scene.down)
     found = []
     for plane in planes:
-        reach = depth_along(orientation, -plane.normal, corners)
+        reach = depth_of(orientation, corners, -plane.normal)
         above = (base * plane.normal).sum(axis=1) - plane.offset
         found.append((reach - above) / -float(plane.normal @ scene.down))
     return np.asarray(np.max(found, axis=0))
@@ -292,27 +292,18 @@ def check_release(scene: Scene, radius: float) -> None:
                 )
 
 
-def ground_below(
-    vertices: Array, triangles: npt.NDArray[np.int64], low: Array, high: Array
-) -> float | None:
-    """Return the highest z of a mesh inside a rectangle of x and y; None if there is none.
+def ground_below(corners: Array, low: Array, high: Array) -> float:
+    """Return the highest z of triangles (m, 3, 3) in a rectangle of x and y; -inf if none is.
 
-    Parameters
-    ----------
-    vertices, triangles : (n, 3) float and (m, 3) int
-    low, high : (2,) float
-        Corners of the rectangle.
+    ``low`` and ``high`` (2,) are the corners of the rectangle.
     """
-    corners = vertices[triangles]
     near = (corners[:, :, :2].max(axis=1) >= low) & (corners[:, :, :2].min(axis=1) <= high)
-    highest: float | None = None
+    highest = -math.inf
     for triangle in corners[near.all(axis=1)]:
         polygon = triangle
         for axis, low_side, high_side in zip((X, Y), low, high, strict=True):
             polygon = clipped(clipped(polygon, -axis, -low_side), axis, high_side)
-        if len(polygon):
-            top = float(polygon[:, 2].max())
-            highest = top if highest is None else max(highest, top)
+        highest = max([highest, *polygon[:, 2].tolist()])
     return highest
 
 

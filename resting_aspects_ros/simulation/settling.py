@@ -3,18 +3,17 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Bytes, Flags, Indices
 from resting_aspects_ros.rotations import down_in_part, rotate
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.release import (
     TIME_LIMIT,
     Ends,
     InitialState,
-    depth_of,
     part_from_body,
 )
+from resting_aspects_ros.simulation.scene import depth_of
 from resting_aspects_ros.simulation.starts import States
 from resting_aspects_ros.statistics.poses import RestStatus
 
@@ -74,7 +73,7 @@ class Settling(Ends):
         self._energy = self._energies(states)
         self._min_energy = self._energy.copy()  # of all checks
 
-    def check(self, now: float, states: States) -> npt.NDArray[np.int64]:
+    def check(self, now: float, states: States) -> Indices:
         """Update the moving bodies, ``now`` T after the start; returns the drops that ended.
 
         While the surface moves, a part can only be lost or fail: its energy and its stillness
@@ -93,27 +92,20 @@ class Settling(Ends):
         still = self._still[sound] * CHECK_INTERVAL >= self._window
         lost = self._left(at.position)
         still &= ~lost
-        other = self._other(sound, at, still, lost)
+        other = self._other(sound, at, lost)
         status = np.select([lost, still], [RestStatus.LOST, RestStatus.SETTLED], other)
         self.status[sound] = status
         self.time[sound] = now + self._elapsed[sound]
-        self.time[sound[still & (other == RestStatus.UNSETTLED)]] -= self._window
+        self.time[sound[still & (self.minimum[sound] < 0)]] -= self._window
         continues = (status == RestStatus.UNSETTLED) & (now < self._limit)
         self.moving = sound[continues]
         return np.concatenate([moving[failed], sound[~continues]])
 
-    def _other(
-        self,
-        which: npt.NDArray[np.int64],
-        states: States,
-        still: npt.NDArray[np.bool_],
-        lost: npt.NDArray[np.bool_],
-    ) -> npt.NDArray[np.uint8]:
+    def _other(self, which: Indices, states: States, lost: Flags) -> Bytes:
         """Return codes of RestStatus (n,) of drops that end although they move, or UNSETTLED.
 
         Here, the drops that are decided by their energy.
         """
-        del still
         if not (self._job.until_still or self._shaken):
             free = ~lost & self._clear(states)
             self._decide(which[free])
@@ -121,7 +113,7 @@ class Settling(Ends):
         decided = self.minimum[which] >= 0
         return np.where(decided, RestStatus.SETTLED, RestStatus.UNSETTLED).astype(np.uint8)
 
-    def _clear(self, states: States) -> npt.NDArray[np.bool_]:
+    def _clear(self, states: States) -> Flags:
         """Return which parts (n,) cannot touch the wall below an edge when they roll."""
         if self._job.edge is None:
             return np.ones(len(states.position), dtype=np.bool_)
@@ -136,7 +128,7 @@ class Settling(Ends):
         at, turned = motion.pose(np.array([self._now * self._job.time_unit]))
         return rotate(turned * [-1, -1, -1, 1], position - at / self._job.radius)
 
-    def _left(self, position: Array) -> npt.NDArray[np.bool_]:
+    def _left(self, position: Array) -> Flags:
         """Return which parts at positions (n, 3) have left the surface."""
         motion = self._job.motion
         if motion is None:
@@ -144,7 +136,7 @@ class Settling(Ends):
         place = self._on_surface(position)[:, :2] * self._job.radius
         return np.asarray(np.abs(place).max(axis=1) > motion.plate_size / 2)
 
-    def _failed(self, states: States) -> npt.NDArray[np.bool_]:
+    def _failed(self, states: States) -> Flags:
         """Update the energies; returns which of the moving drops failed numerically."""
         sound = states.finite
         # For parts that can gain energy from what moves, no growth is counted up to this check.
@@ -163,7 +155,7 @@ class Settling(Ends):
         sound[sound] = energy - lowest <= MAX_GROWTH * (lowest + 1)
         return np.asarray(~sound)
 
-    def _calm(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
+    def _calm(self, which: Indices, states: States) -> Flags:
         """Return which drops did not move since the last check."""
         moved = np.abs(states.position - self.position[which])
         # A part that a wall pushes along is at rest, too.
@@ -175,7 +167,7 @@ class Settling(Ends):
         )
         return np.asarray(motion < REST_MOTION)
 
-    def _decide(self, which: npt.NDArray[np.int64]) -> None:
+    def _decide(self, which: Indices) -> None:
         """Set the minima of the drops that are decided by their energy."""
         rest = self._job.rest
         low = which[self._energy[which] < rest.highest]
@@ -183,7 +175,7 @@ class Settling(Ends):
             down = down_in_part(part_from_body(self.orientation[low], self._job.axes))
             self.minimum[low] = rest.decided(down, self._energy[low])
 
-    def _decide_sliding(self, which: npt.NDArray[np.int64], states: States) -> None:
+    def _decide_sliding(self, which: Indices, states: States) -> None:
         """Set the minima of undecided drops that slide on a flat side and cannot tip any more."""
         job, v, spin = self._job, states.velocity, states.spin
         height = depth_of(states.orientation, job.hull)
@@ -267,27 +259,21 @@ class SceneSettling(Settling):
         self._anchor_speed = np.full(n, np.inf)
         self._anchor_time = np.zeros(n)
 
-    def check(self, now: float, states: States) -> npt.NDArray[np.int64]:
+    def check(self, now: float, states: States) -> Indices:
         """See Settling."""
         ended = super().check(now, states)
         self.position[ended] += self._frame * now
         return ended
 
-    def _other(
-        self,
-        which: npt.NDArray[np.int64],
-        states: States,
-        still: npt.NDArray[np.bool_],
-        lost: npt.NDArray[np.bool_],
-    ) -> npt.NDArray[np.uint8]:
+    def _other(self, which: Indices, states: States, lost: Flags) -> Bytes:
         """Return codes of RestStatus (n,); here, of the drops that slide or roll for ever."""
+        del lost
         sliding = self._slides(which, states) & (not self._shaken)
         if self._now >= self._limit:
             sliding |= self._relative_speed(states.velocity) > MIN_SLIDE_SPEED
-        sliding &= ~still & ~lost
         return np.where(sliding, RestStatus.SLIDING, RestStatus.UNSETTLED).astype(np.uint8)
 
-    def _failed(self, states: States) -> npt.NDArray[np.bool_]:
+    def _failed(self, states: States) -> Flags:
         """Update the energies; returns which of the moving drops failed numerically."""
         sound = states.finite
         radius = self._job.radius
@@ -312,7 +298,7 @@ class SceneSettling(Settling):
         kinetic = (states.velocity**2).sum(axis=1) + (self._job.moments * spin**2).sum(axis=1)
         return np.asarray(kinetic / 2 - states.position @ self._scene.down)
 
-    def _calm(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
+    def _calm(self, which: Indices, states: States) -> Flags:
         """Return which drops did not move, or moved with some surface, since the last check."""
         moved = states.position - self.position[which]
         carried = self._surface_velocities * CHECK_INTERVAL
@@ -326,7 +312,7 @@ class SceneSettling(Settling):
         apart = velocity[:, None, :] - self._surface_velocities
         return np.asarray(np.sqrt((apart**2).sum(axis=2)).min(axis=1))
 
-    def _slides(self, which: npt.NDArray[np.int64], states: States) -> npt.NDArray[np.bool_]:
+    def _slides(self, which: Indices, states: States) -> Flags:
         """Return which drops slide or roll for ever."""
         speed = self._relative_speed(states.velocity)
         pointing = self._pointing(states.orientation)
@@ -359,7 +345,7 @@ class SceneSettling(Settling):
         turned: Array = rotate(orientation * [-1, -1, -1, 1], normal)
         return turned
 
-    def _left(self, position: Array) -> npt.NDArray[np.bool_]:
+    def _left(self, position: Array) -> Flags:
         """Return which parts (n,) have left the surroundings."""
         radius = self._job.radius
         inside = [position @ space.normal < space.offset / radius for space in self._scene.lost]

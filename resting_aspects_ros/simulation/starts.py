@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array, Indices
+from resting_aspects_ros.arrays import Array, Flags, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.part.hull import convex_hull
@@ -54,16 +54,12 @@ class States:
         """The four arrays, in the order of the fields."""
         return self.position, self.orientation, self.velocity, self.spin
 
-    def part(self, first: int, end: int) -> 'States':
-        """Return the states of the parts ``first`` to ``end - 1``."""
-        return States(*(each[first:end] for each in self.arrays))
-
     @property
-    def finite(self) -> npt.NDArray[np.bool_]:
+    def finite(self) -> Flags:
         """Which parts (n,) have finite states."""
         return np.asarray(np.isfinite(np.hstack(self.arrays)).all(axis=1))
 
-    def select(self, which: npt.NDArray[Any]) -> 'States':
+    def select(self, which: npt.NDArray[Any] | slice) -> 'States':
         """Return the states of some of the parts."""
         return States(*(each[which] for each in self.arrays))
 
@@ -87,10 +83,8 @@ class GivenStates:
         Angular velocity in the axes of the part, as an inertial sensor measures it, rad/s; zero
         by default.
 
-    Raises
-    ------
-    InvalidValueError
-        If a shape is wrong, a value is not finite, a quaternion is zero, or there is no state.
+    Raises InvalidValueError if a shape is wrong, a value is not finite, a quaternion is zero, or
+    there is no state.
     """
 
     position: Array
@@ -344,10 +338,7 @@ def starts_of(
     ids : sequence of int, optional
         Ids of the aspects; by default all.
 
-    Raises
-    ------
-    InvalidValueError
-        If no drop ended in an aspect.
+    Raises InvalidValueError if no drop ended in an aspect.
     """
     wanted = [a for a in aspects if not ids or a.id in ids]
     if scene.level:

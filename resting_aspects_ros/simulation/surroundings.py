@@ -1,6 +1,5 @@
 """Surroundings of drops: how they are described, named and changed."""
 
-import copy
 import dataclasses
 import json
 import math
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from resting_aspects_ros.errors import InvalidValueError, did_you_mean, shown
-from resting_aspects_ros.input_files import named, parse_quantity, read_yaml
+from resting_aspects_ros.input_files import named, read_yaml
 from resting_aspects_ros.rotations import LENGTH_TOLERANCE, canonical
 from resting_aspects_ros.simulation.conditions import (
     QUANTITIES,
@@ -22,7 +21,6 @@ from resting_aspects_ros.simulation.conditions import (
     described_kind,
     made_from,
     quantities_of,
-    surroundings_folder,
 )
 from resting_aspects_ros.simulation.scene import MeshBody, PairValues, Scene, check_release
 from resting_aspects_ros.simulation.surroundings_kinds import (
@@ -31,9 +29,9 @@ from resting_aspects_ros.simulation.surroundings_kinds import (
     MeshFile,
     MeshSurface,
     ground_of,
-    read_mesh,
     tray_from_scene,
 )
+from resting_aspects_ros.system import config_folder
 
 
 def group_text(
@@ -103,10 +101,7 @@ class Surroundings:
     name : str
         Name of the surroundings; not part of their values, which are compared.
 
-    Raises
-    ------
-    InvalidValueError
-        If a name is not known, or a value is out of bounds.
+    Raises InvalidValueError if a name is not known, or a value is out of bounds.
     """
 
     shape: Kind
@@ -167,8 +162,8 @@ class Surroundings:
 
     @property
     def known(self) -> bool:
-        """Whether parts can be dropped in them; see Kind."""
-        return self.shape.known
+        """Whether parts can be dropped in them: not without the triangles of a mesh surface."""
+        return not isinstance(self.shape, MeshSurface) or self.shape.file is not None
 
     @cached_property
     def key(self) -> str:
@@ -176,6 +171,12 @@ class Surroundings:
         if self.level:
             return ''
         return json.dumps(self.document, sort_keys=True, separators=(',', ':'))
+
+    def with_mesh(self, file: MeshFile | None) -> 'Surroundings':
+        """Return the surroundings with the file of a mesh surface; unchanged without one."""
+        if not isinstance(self.shape, MeshSurface):
+            return self
+        return dataclasses.replace(self, shape=dataclasses.replace(self.shape, file=file))
 
     @property
     def text(self) -> str:
@@ -272,6 +273,11 @@ def _quaternion(given: Any) -> tuple[float, ...]:
 ENDINGS = ('.yaml', '.yml')
 
 
+def surroundings_folder() -> Path:
+    """Return the folder of the named surroundings."""
+    return config_folder() / 'surroundings'
+
+
 def surroundings_names() -> list[str]:
     """Return the names of the surroundings in config/surroundings, sorted."""
     return sorted(path.stem for path in surroundings_folder().glob('*.yaml'))
@@ -289,10 +295,8 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
         Values by their names, such as ``{'roll': 0.8, 'belt.friction': '0.4', 'release.y_min':
         '10mm'}``. A number is in SI units; a text may have a unit.
 
-    Raises
-    ------
-    InvalidValueError
-        If the name is not known, the file cannot be read, or a value is out of bounds.
+    Raises InvalidValueError if the name is not known, the file cannot be read, or a value is out
+    of bounds.
     """
     text = str(name)
     is_file = isinstance(name, Path) or '/' in text or text.endswith(ENDINGS)
@@ -311,22 +315,25 @@ def named_surroundings(name: str | Path, changes: Mapping[str, Any] | None = Non
         )
     try:
         described_kind('surroundings', document, KINDS)
-        _resolve_mesh(document, file.parent)
+        mesh = document.get('mesh')
+        if isinstance(mesh, str):
+            document['mesh'] = str(file.parent / mesh)
         values = _changed(document, changes or {})
-        title = file.stem if is_file or not changes else text
-        return make_surroundings(values, title, _mesh_of(values))
+        sha256 = values.pop('mesh_sha256', '') if 'mesh' in values else ''
+        found = make_surroundings(values, file.stem if is_file or not changes else text)
+        if sha256 and sha256 != found.shape_values.get('mesh_sha256'):
+            raise InvalidValueError(
+                f'invalid {named("mesh of the surroundings", Path(values["mesh"]))}: it has '
+                f'changed; expected the hash {shown(sha256)}'
+            )
     except InvalidValueError as error:
         raise InvalidValueError(f'{where}: {error}') from None
+    return found
 
 
 def changed_surroundings(base: Surroundings, changes: Mapping[str, Any]) -> Surroundings:
     """Return surroundings with changes; see named_surroundings. Raises InvalidValueError."""
-    values = _changed(copy.deepcopy(base.document), changes)
-    mesh = base.shape.file
-    if 'mesh' in changes:
-        del values['mesh_sha256']
-        mesh = _mesh_of(values)
-    return make_surroundings(values, base.name, mesh)
+    return described_surroundings(base.document, changes, base.name).with_mesh(base.shape.file)
 
 
 def surroundings_from(text: str) -> Surroundings | None:
@@ -359,52 +366,28 @@ def described_surroundings(
     return make_surroundings(_changed(document, changes or {}), name)
 
 
-def make_surroundings(document: Any, name: str = '', mesh: MeshFile | None = None) -> Surroundings:
+def make_surroundings(document: Any, name: str = '') -> Surroundings:
     """Return the surroundings that a mapping describes; see Surroundings.document.
 
-    ``mesh`` is that of a mesh surface, if it was read already. Raises InvalidValueError, with the
-    name of the key.
+    Raises InvalidValueError, with the name of the key.
     """
     kind, values, _ = described_kind('surroundings', document, KINDS)
     others = ('bodies', 'release', 'orientation')
     common = {key: values.pop(key) for key in others if key in values}
-    if mesh is not None:
-        values.setdefault('mesh_sha256', mesh.sha256)
-    shape = made_from(KINDS, 'surroundings', kind, values, others)
-    if isinstance(shape, MeshSurface) and mesh is not None:
-        shape = dataclasses.replace(shape, file=mesh)
-    return Surroundings(shape, name=name, **common)
-
-
-def _mesh_of(values: Mapping[str, Any]) -> MeshFile | None:
-    """Return the mesh that a description names by its path, if it is a mesh surface."""
-    texts = [values.get(name, '') for name in ('mesh', 'unit', 'mesh_sha256')]
-    if values['kind'] != MeshSurface.kind or not all(isinstance(t, str | Path) for t in texts):
-        return None  # which make_surroundings refuses, or it is another kind
-    if 'mesh' not in values:
-        return None
-    return read_mesh(Path(values['mesh']))
-
-
-def _resolve_mesh(document: dict[str, Any], folder: Path) -> None:
-    """Make the path of a mesh relative to the folder of the YAML file."""
-    mesh = document.get('mesh')
-    if isinstance(mesh, str) and not Path(mesh).is_absolute():
-        document['mesh'] = str(folder / mesh)
+    return Surroundings(
+        made_from(KINDS, 'surroundings', kind, values, others), name=name, **common
+    )
 
 
 def _changed(document: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a description with changed values, and numbers instead of texts with units.
+    """Return a description with changed values.
 
     A body or the release is named before a dot in the name of a change.
     """
     values = dict(document)
     for key, value in changes.items():
         if key == 'kind':
-            raise InvalidValueError(
-                'invalid name kind of a value: expected another value; a kind is chosen instead '
-                'of the name of the surroundings'
-            )
+            raise InvalidValueError('invalid name kind of a value: expected another value')
         group, dot, name = key.partition('.')
         path = [] if not dot else [group] if group == 'release' else ['bodies', group]
         target: Any = values
@@ -413,24 +396,4 @@ def _changed(document: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, 
             if not isinstance(target, dict):
                 raise InvalidValueError(f'invalid {each} {shown(target)}: expected a mapping')
         target[name if dot else key] = value
-    values = dict(_numbers('', values, quantities_of(KINDS[values['kind']])))
-    if 'release' in values:
-        values['release'] = _numbers('release ', values['release'], RELEASE_VALUES)
-    if isinstance(values.get('bodies'), dict):
-        values['bodies'] = {
-            body: _numbers(f'{body} ', each, BODY_VALUES)
-            for body, each in values['bodies'].items()
-        }
     return values
-
-
-def _numbers(group: str, given: Any, known: Mapping[str, Quantity]) -> Any:
-    """Return a mapping with numbers instead of texts with units; anything else unchanged."""
-    if not isinstance(given, dict):
-        return given
-    return {
-        key: parse_quantity(f'{group}{key}', value, known[key].unit)
-        if key in known and isinstance(value, str)
-        else value
-        for key, value in given.items()
-    }

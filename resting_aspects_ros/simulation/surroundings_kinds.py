@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from resting_aspects_ros.arrays import Array
+from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.input_files import named, read_input
 from resting_aspects_ros.part.mesh_files import read_triangles
+from resting_aspects_ros.part.near import face_normals
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, check_size
 from resting_aspects_ros.simulation.conditions import Described, quantity
 from resting_aspects_ros.simulation.scene import (
@@ -88,11 +88,6 @@ class Kind(Described):
     def level(self) -> bool:
         """Whether these are the infinite level plane."""
         return False
-
-    @property
-    def known(self) -> bool:
-        """Whether parts can be dropped in them: not without the triangles of a mesh surface."""
-        return True
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -306,6 +301,8 @@ def tray_from_scene(roll: float, pitch: float) -> Array:
 MIN_EXTENT, MAX_EXTENT = 1.0, 5000.0
 # A gap that is wider than this, in hull radii, is open for a part above it.
 GAP = 1.0
+# Triangles whose heights differ by less, in hull radii, meet.
+ROUNDING = 1e-6
 # Places in each direction at which the region of release is checked.
 PLACES = 5
 
@@ -317,19 +314,25 @@ def ground_of(mesh: MeshBody, region: tuple[Array, Array], radius: float) -> flo
     below the release, or if it is seen from inside there.
     """
     _check_extent(mesh, radius)
-    low, high = np.transpose(region)
-    places = itertools.product(*(np.unique(np.linspace(a, b, PLACES)) for a, b in region))
-    for place in map(np.array, places):
-        half = GAP * radius / 2
-        if ground_below(mesh.vertices, mesh.triangles, place - half, place + half) is None:
+    corners = mesh.vertices[mesh.triangles]
+    inside_out = face_normals(corners)[:, 2] < 0
+    half = GAP * radius / 2
+    for place in itertools.product(*(np.unique(np.linspace(a, b, PLACES)) for a, b in region)):
+        near = np.array(place) - half, np.array(place) + half
+        top, wrong = (ground_below(corners[which], *near) for which in (~inside_out, inside_out))
+        at = f'x {1000 * place[0]:.4g} mm, y {1000 * place[1]:.4g} mm'
+        if max(top, wrong) == -math.inf:
             raise InvalidValueError(
-                f'invalid release at {_text(place)}: expected a place above the mesh, which has '
-                'no triangle there'
+                f'invalid release at {at}: expected a place above the mesh, which has no triangle '
+                'there'
             )
-        _check_outside(mesh, place)
-    top = ground_below(mesh.vertices, mesh.triangles, low - radius, high + radius)
-    assert top is not None
-    return top
+        if wrong > top + ROUNDING * radius:
+            raise InvalidValueError(
+                f'invalid mesh of the surroundings: its highest triangle at {at} points down; '
+                'expected triangles that point outward'
+            )
+    low, high = np.transpose(region)
+    return ground_below(corners, low - radius, high + radius)
 
 
 def _check_extent(mesh: MeshBody, radius: float) -> None:
@@ -342,29 +345,6 @@ def _check_extent(mesh: MeshBody, radius: float) -> None:
             f'expected {1000 * least:.4g} mm to {1000 * most:.4g} mm along x and y for this part; '
             'is its unit right?'
         )
-
-
-def _check_outside(mesh: MeshBody, place: Array) -> None:
-    """Raise InvalidValueError if the highest triangle at a place (2,) points down."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
-    one, other, way = (b - a)[:, :2], (c - a)[:, :2], place - a[:, :2]
-    double = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
-    upright = double == 0
-    double[upright] = 1.0
-    u = (way[:, 0] * other[:, 1] - way[:, 1] * other[:, 0]) / double
-    v = (one[:, 0] * way[:, 1] - one[:, 1] * way[:, 0]) / double
-    hit = np.flatnonzero(~upright & (u >= 0) & (v >= 0) & (u + v <= 1))
-    height = (a + u[:, None] * (b - a) + v[:, None] * (c - a))[hit, 2]
-    if len(hit) and double[hit[np.argmax(height)]] < 0:
-        raise InvalidValueError(
-            f'invalid mesh of the surroundings: its highest triangle at {_text(place)} points '
-            'down; expected triangles that point outward'
-        )
-
-
-def _text(place: Array) -> str:
-    x, y = (1000 * place).tolist()
-    return f'x {x:.4g} mm, y {y:.4g} mm'
 
 
 # -- A mesh as the surface ------------------------------------------------------------------------
@@ -389,7 +369,7 @@ class MeshFile:
     name: str
     data: bytes
     vertices: Array
-    triangles: npt.NDArray[np.int64]
+    triangles: Indices
 
     @cached_property
     def sha256(self) -> str:
@@ -411,12 +391,6 @@ def mesh_file(data: bytes, name: str, label: str) -> MeshFile:
             f'{label} has {len(triangles)} triangles: expected at most {MAX_TRIANGLES}'
         )
     return MeshFile(name, data, vertices, triangles)
-
-
-def read_mesh(path: Path) -> MeshFile:
-    """Return the mesh in a file; raises InvalidValueError or PartError."""
-    data = read_input(path, MAX_BYTES, 'mesh of the surroundings', InvalidValueError)
-    return mesh_file(data, path.name, named('mesh of the surroundings', path))
 
 
 @functools.lru_cache(maxsize=16)
@@ -456,14 +430,11 @@ class MeshSurface(Kind):
         Position of its origin, m, and rotations about the fixed axes x, y and z, in this order,
         rad.
     mesh_sha256 : str
-        Hash of the file. If it is given, no file is read.
+        Hash of the file. If it is given without ``file``, no file is read.
     file : MeshFile, optional
         The mesh, if it was read already.
 
-    Raises
-    ------
-    InvalidValueError, PartError
-        If a value is out of bounds, the hash differs, or the file cannot be read.
+    Raises InvalidValueError or PartError if a value is out of bounds, or the file cannot be read.
     """
 
     kind: ClassVar[str] = 'mesh'
@@ -489,21 +460,16 @@ class MeshSurface(Kind):
             )
         if not isinstance(self.mesh, str | Path):
             raise InvalidValueError(f'invalid mesh {shown(self.mesh)}: expected a path')
-        mesh = self.file
+        path, mesh = Path(self.mesh), self.file
+        label = named('mesh of the surroundings', path)
         if mesh is None and not self.mesh_sha256:
-            mesh = read_mesh(Path(self.mesh))
-        label = named('mesh of the surroundings', Path(self.mesh))
-        set_field = object.__setattr__
-        set_field(self, 'mesh', Path(self.mesh).name)
-        if mesh is None:
-            return
-        if self.mesh_sha256 not in ('', mesh.sha256):
-            raise InvalidValueError(
-                f'invalid {label}: it has changed; expected the hash {shown(self.mesh_sha256)}'
-            )
-        check_size(mesh.vertices, self.unit, label)
-        set_field(self, 'file', mesh)
-        set_field(self, 'mesh_sha256', mesh.sha256)
+            data = read_input(path, MAX_BYTES, 'mesh of the surroundings', InvalidValueError)
+            mesh = mesh_file(data, path.name, label)
+        object.__setattr__(self, 'mesh', path.name)
+        if mesh is not None:
+            check_size(mesh.vertices, self.unit, label)
+            object.__setattr__(self, 'file', mesh)
+            object.__setattr__(self, 'mesh_sha256', mesh.sha256)
 
     @cached_property
     def vertices(self) -> Array:
@@ -511,7 +477,7 @@ class MeshSurface(Kind):
         return self._placed(self._known.vertices * UNITS[self.unit])
 
     @property
-    def triangles(self) -> npt.NDArray[np.int64]:
+    def triangles(self) -> Indices:
         """(m, 3) indices of the corners; raises InvalidValueError without the mesh."""
         return self._known.triangles
 
@@ -533,11 +499,6 @@ class MeshSurface(Kind):
             turned[:, b] = math.sin(angle) * points[:, a] + math.cos(angle) * points[:, b]
             points = turned
         return np.asarray(points + np.array([self.x, self.y, self.z]))
-
-    @property
-    def known(self) -> bool:
-        """See Kind."""
-        return self.file is not None
 
     @property
     def texts(self) -> dict[str, str]:

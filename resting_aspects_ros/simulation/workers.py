@@ -33,8 +33,6 @@ from resting_aspects_ros.system import blocked_signals
 # -- Chunks ---------------------------------------------------------------------------------------
 
 
-# A run fails when this many workers died with the same chunk.
-MAX_DEATHS = 3
 # How often a caller that waits for calls is asked whether it goes on, s.
 WAIT = 0.1
 
@@ -43,7 +41,7 @@ T = TypeVar('T')
 
 
 class WorkerDiedError(EngineError):
-    """The process that simulated a chunk has ended; the chunk can be repeated."""
+    """A process that simulated a chunk has ended."""
 
 
 class Workers(Protocol):
@@ -114,40 +112,23 @@ def submit_drops(
 
 
 def drop_chunks(
-    job: DropJob, run: RunDescription, workers: Workers, warn: Callable[[str], None]
+    job: DropJob, run: RunDescription, workers: Workers
 ) -> Generator['Future[RestingPoses] | RestingPoses', None, None]:
     """Yield the chunks of a run in ascending order, each after its future.
 
     The caller can wait for the future in its own way, for example in the event loop of a node. A
-    caller that does not wait is blocked until the chunk is done. A chunk whose worker dies is
-    simulated again and ``warn`` is called with a message. The result is the same as without the
-    failure, because poses depend only on the job and the index.
-
-    Raises
-    ------
-    EngineError
-        If a worker fails, or if MAX_DEATHS workers die with the same chunk, which indicates a
-        problem with the drops or the machine. The chunks yielded before remain valid.
+    caller that does not wait is blocked until the chunk is done. Raises EngineError if a worker
+    fails; the chunks yielded before remain valid.
     """
     # A run ends at one of them, so no drop is made in vain.
     cuts = checkpoints(run.drops) if run.precision else []
-    bounds = chunk_bounds(job, run.first_drop, run.end, cuts)
-    futures = submit_drops(job, run.first_drop, run.drops, workers, cuts)
-    with closing(futures):
-        for (first, end), submitted in zip(bounds, futures, strict=True):
-            where, future = f'near drop {first} of {run.part}', submitted
-            for death in range(1, MAX_DEATHS + 1):
-                yield future
-                try:
-                    yield _result(future, where)
-                    break
-                except WorkerDiedError:
-                    if death == MAX_DEATHS:
-                        raise EngineError(
-                            f'{death} worker processes died in a row {where}'
-                        ) from None
-                warn(f'a worker died {where}: its drops are repeated')
-                future = workers.submit(job, first, end)
+    first = run.first_drop
+    with closing(submit_drops(job, first, run.drops, workers, cuts)) as futures:
+        for future in futures:
+            yield future
+            poses = _result(future, f'near drop {first} of {run.part}')
+            yield poses
+            first += len(poses)
 
 
 def call_each(
@@ -159,38 +140,25 @@ def call_each(
 ) -> list[T]:
     """Call a function of a module with each of some arguments in workers; return the results.
 
-    A call whose worker dies is repeated. Calls that were not started are discarded at an error.
+    Calls that were not started are discarded at an error. Raises EngineError if a worker fails.
 
     where : str
         Where it fails, for errors, such as 'at a trap'.
     waiting : callable
         Called often with the number of calls that are done; an exception of it ends the work.
-
-    Raises
-    ------
-    EngineError
-        If a worker fails, or if MAX_DEATHS workers die.
     """
     futures = [workers.call(function, *each) for each in values]
-    found: dict[int, T] = {}
-    deaths = 0
     try:
-        while len(found) < len(values):
-            wait([f for k, f in enumerate(futures) if k not in found], WAIT, FIRST_COMPLETED)
-            for k, future in enumerate(futures):
-                if k not in found and future.done():
-                    try:
-                        found[k] = _result(future, where)
-                    except WorkerDiedError:
-                        deaths += 1
-                        if deaths == MAX_DEATHS:
-                            raise
-                        futures[k] = workers.call(function, *values[k])
-            waiting(len(found))
+        pending = set(futures)
+        while pending:
+            done, pending = wait(pending, WAIT, FIRST_COMPLETED)
+            for future in done:
+                _result(future, where)
+            waiting(len(futures) - len(pending))
+        return [future.result() for future in futures]
     finally:
         for future in futures:
             future.cancel()
-    return [found[k] for k in range(len(values))]
 
 
 def _result(future: 'Future[T]', where: str) -> T:
@@ -199,6 +167,8 @@ def _result(future: 'Future[T]', where: str) -> T:
         return future.result()
     except CancelledError:
         raise EngineError(f'the workers became unavailable {where}') from None
+    except WorkerDiedError as error:
+        raise EngineError(f'{error} {where}') from None
     except EngineError:
         raise
     except Exception as error:
@@ -209,6 +179,8 @@ def _result(future: 'Future[T]', where: str) -> T:
 
 
 MAX_WORKERS = 1024
+# A chunk fails when this many processes died with it.
+MAX_DEATHS = 3
 # A worker process uses its parent's import path, independent of the content of the working
 # directory.
 _PROGRAM = (
@@ -225,17 +197,14 @@ _END_TIMEOUT = 5.0
 class LocalWorkers:
     """Threads that make drops in the kernel, or let a process of their own make them in Bullet.
 
-    Implements Workers for any number of runs at the same time. When a process dies, its chunk
-    fails, and the next chunk starts another process. The other processes are not affected, because
-    they share no lock and no pipe with it.
+    Implements Workers for any number of runs at the same time. When a process dies, its chunk is
+    made again in another one, with the same result, because poses depend only on the job and the
+    index. The other processes are not affected, because they share no lock and no pipe with it.
 
     count : int
         Number of threads, and maximum number of processes.
 
-    Raises
-    ------
-    InvalidValueError
-        If the count is out of bounds.
+    Raises InvalidValueError if the count is out of bounds.
     """
 
     def __init__(self, count: int) -> None:
@@ -259,13 +228,19 @@ class LocalWorkers:
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
         """Submit a chunk, which is simulated as soon as a thread is idle."""
-        if job.engine != BULLET:
-            return self._threads.submit(drop_range, job, first, end)
-        return self._threads.submit(lambda: self._process().drop(job, first, end))
+        if job.engine == BULLET:
+            return self.call(drop_range, job, first, end)
+        return self._threads.submit(drop_range, job, first, end)
 
     def call(self, function: Callable[..., T], *args: Any) -> 'Future[T]':
         """Call a function of a module in the process of a thread, as soon as one is idle."""
-        return self._threads.submit(lambda: self._process().call(function, *args))
+        return self._threads.submit(self._call, function, *args)
+
+    def _call(self, function: Callable[..., T], *args: Any) -> T:
+        for _ in range(MAX_DEATHS):
+            with suppress(WorkerDiedError):
+                return self._process().call(function, *args)
+        raise WorkerDiedError(f'{MAX_DEATHS} worker processes died in a row')
 
     def stop(self) -> None:
         """End the workers; chunks that were not started are discarded."""
@@ -299,7 +274,6 @@ class _Process:
     def __init__(self) -> None:
         if os.name != 'posix':
             raise EngineError('Bullet runs in processes that need Linux or macOS')
-        self._job: DropJob | None = None
         self._connection, theirs = Pipe()
         # The parent handles the signals. A terminal sends them to all of its processes, and a
         # process inherits the signals that its parent blocks.
@@ -311,14 +285,6 @@ class _Process:
                 # Bullet prints to standard output.
                 stdout=DEVNULL,
             )
-
-    def drop(self, job: DropJob, first: int, end: int) -> RestingPoses:
-        """Simulate a chunk; raises WorkerDiedError, or the exception of the process."""
-        # The job is sent only once, because it may be large and the engine caches its shape.
-        sent, self._job = None if job is self._job else job, None
-        poses = self.call(_drop_of_known_job, sent, first, end)
-        self._job = job
-        return poses
 
     def call(self, function: Callable[..., T], *args: Any) -> T:
         """Call a function; raises WorkerDiedError, or the exception of the process."""
@@ -367,17 +333,6 @@ def serve(descriptor: int) -> None:
             connection.send(answer)
 
 
-# The job of the last chunk in this process.
-_known: list[DropJob] = []
-
-
-def _drop_of_known_job(job: DropJob | None, first: int, end: int) -> RestingPoses:
-    if job is not None:
-        _known[:] = [job]
-    poses: RestingPoses = import_module(_ENGINE).drop_range(_known[0], first, end)
-    return poses
-
-
 # -- A cluster ------------------------------------------------------------------------------------
 
 
@@ -396,15 +351,12 @@ class ClusterWorkers:
     scheduler : str
         Address of the scheduler, such as ``tcp://10.0.0.5:8786``.
 
-    Raises
-    ------
-    InvalidValueError
-        If distributed is not installed, or if the address has no scheduler with workers.
+    Raises InvalidValueError if distributed is not installed, or if the address has no scheduler
+    with workers.
     """
 
     def __init__(self, scheduler: str) -> None:
         self._client = _connect(scheduler)
-        self._count = self._counted_for = 0
         # With pure=True, Dask would return the failure of an identical task of another client.
         self._executor = self._client.get_executor(pure=False)
         self._job: DropJob | None = None
@@ -413,11 +365,7 @@ class ClusterWorkers:
 
     def lookahead(self) -> int:
         """Return two chunks for each connected worker."""
-        # Counting takes a round trip to the scheduler, so it is not repeated for every chunk.
-        if self._counted_for == 0:
-            self._count = self._counted_for = max(1, len(self._client.nthreads()))
-        self._counted_for -= 1
-        return 2 * self._count
+        return 2 * len(self._client.nthreads())
 
     def submit(self, job: DropJob, first: int, end: int) -> 'Future[RestingPoses]':
         """Submit a chunk; it fails with EngineError if the worker has different versions."""
@@ -455,29 +403,21 @@ def _call(function: Callable[..., T], args: tuple[Any, ...], versions: dict[str,
     from distributed import get_worker
 
     for name, here in worker_versions().items():
-        if versions[name] != here:
+        expected = versions.get(name, 'not installed')
+        if here != expected:
             raise EngineError(
-                f'invalid worker {get_worker().address}: expected {name} {versions[name]}, not '
-                f'{here}'
+                f'invalid worker {get_worker().address}: expected {name} {expected}, not {here}'
             )
     return function(*args)
 
 
 def worker_versions() -> dict[str, str]:
-    """Return the versions of the packages that affect the poses, in this process."""
-    return {
-        'resting_aspects_ros': __version__,
-        'numba': version('numba'),
-        'pybullet': _version('pybullet'),
-        'numpy': version('numpy'),
-    }
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return 'not installed'
+    """Return the versions of the installed packages that affect the poses, in this process."""
+    found = {'resting_aspects_ros': __version__}
+    for name in ('numba', 'pybullet', 'numpy'):
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def _connect(scheduler: str) -> Any:

@@ -328,7 +328,6 @@ def drop_batch(
     surroundings: str | Path | Surroundings | None = None,
     model_range: bool = True,
     unit: str | None = None,
-    force: bool = False,
     out: str | Path | None = None,
     workers: int | Workers | None = None,
     progress: Progress = False,
@@ -350,7 +349,7 @@ def drop_batch(
     seed : int
         Of the batch. Each part has a seed of its own, see `part_seed`, so that the drops of
         different parts are independent.
-    drops, surface, precision, interval, confidence, surroundings, model_range, force
+    drops, surface, precision, interval, confidence, surroundings, model_range
         As for `drop`.
     workers, progress
         As for `drop`.
@@ -408,7 +407,6 @@ def drop_batch(
                         model_range=model_range,
                         workers=pool,
                         keep_poses=False,
-                        force=force,
                         progress=progress,
                     )
                     result = dataclasses.replace(result, mesh_file=mesh)

@@ -394,7 +394,7 @@ class OptimiseResult(Result):
             'drops',
         )
         title = f'{self.part.name}: {self.aim}\nyour conditions: {base}'
-        table = Table(title, headings, texts={'conditions': None})
+        table = Table(title, headings, texts={'conditions'})
         rows = {'best': self.best, 'second': self.second, 'yours': self.start}
         for name, candidate in rows.items():
             if candidate is None:

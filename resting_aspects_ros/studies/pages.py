@@ -84,7 +84,7 @@ def class_pictures(part: Part, aspects: AspectSet) -> list[str]:
     members = [alike[0] for alike in aspects.classes()]
     found = [''] * len(members)
     with analysis(f'the pictures of {part.name}'):
-        drawn = picture_part(part, aspects)
+        drawn = picture_part(part)
         colours = [rgb(aspect_colour(aspect)) for aspect in members]
         images = draw_parts(pose_parts(drawn, members), colours, PIXELS)
         found[:] = [picture_uri(image) for image in images]
@@ -314,7 +314,7 @@ def optimise_page(result: 'OptimiseResult', file: str) -> Page:
     with analysis('the pictures of the wanted aspects', notes):
         if wanted := [a for a in result.aspects if a.id in result.objective.wanted]:
             colours = [aspect_colour(aspect) for aspect in wanted]
-            part = picture_part(result.part, result.aspects)
+            part = picture_part(result.part)
             images = draw_parts(pose_parts(part, wanted), [rgb(c) for c in colours], PIXELS)
             names = [f'aspect {aspect.id}' for aspect in wanted]
             pictures = map(picture_uri, images)
@@ -381,7 +381,7 @@ def comparison_items(
         return
     own, other = (class_rows(each.distribution) for each in results)
     headings = (first, f'{second} ', first, second, 'difference')
-    table = Table('', headings, texts={headings[1]: None})
+    table = Table('', headings, texts={headings[1]})
     for k, each in enumerate(found.shared):
         a, b = each.first - 1, each.second - 1
         one, two = own[a], other[b]
@@ -488,7 +488,7 @@ def batch_table(batch: 'BatchResult') -> Table:
     """Return a table of the most probable classes of each part."""
     interval = f'{100 * batch.confidence:g} % interval'
     headings = ('part', 'aspects', 'proba-\nbility', interval, MODEL_RANGE)
-    table = Table('', headings, texts={'part': None})
+    table = Table('', headings, texts={'part'})
     for result in batch.results:
         rows = class_rows(result.distribution)
         for number, k in enumerate(_most_probable(rows)):

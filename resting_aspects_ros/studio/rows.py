@@ -1,6 +1,5 @@
 """The rows of the outcomes of drops: their HTML, and the texts that change with the counts."""
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,9 +98,7 @@ def empty_rows(source: Source, part: Part, aspects: AspectSet) -> Opened:
     distribution = no_drops(aspects)
     drawn = DrawnRows(distribution, part, PIXELS)
     drawn.outside = outside(distribution)
-    made = outcome_rows(distribution, drawn, part, level=True, longest=FULL)
-    # Single aspects of a class would change with each drop.
-    rows = [dataclasses.replace(row, members=None) for row in made]
+    rows = outcome_rows(distribution, drawn, part, level=True, longest=FULL)
     has_view = drawn.part is not None and bool(drawn.rows)
     return Opened(
         source,

@@ -15,7 +15,6 @@ from typing import Any
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.conditions import (
     conditions_text,
-    has_level_floor,
     outcome_hints,
     shipped_actions,
     shipped_surfaces,
@@ -24,7 +23,6 @@ from resting_aspects_ros.api.count_files import counted_drops, read_counts
 from resting_aspects_ros.api.counts import counted_by_class
 from resting_aspects_ros.api.drop import DropResult, drop
 from resting_aspects_ros.api.forecast import PER_ASPECT, forecast
-from resting_aspects_ros.api.forecast_result import forecast_page
 from resting_aspects_ros.api.model_range import covered_text
 from resting_aspects_ros.api.outlines import OutlinesResult, outlines
 from resting_aspects_ros.api.pages import reorientation_page
@@ -109,8 +107,8 @@ def _show_aspects(work: Work) -> None:
 
     result = work.drops(consumers=[tally.add], progress=progress)
     _show_bars(work, result.distribution, result.subtitle)
-    hints = outcome_hints(result.distribution, conditions, work.opened.part.hull_radius)
-    notes = [*([] if has_level_floor(conditions) else [NOT_LEVEL]), *hints]
+    hints = outcome_hints(result.distribution, conditions)
+    notes = [*([NOT_LEVEL] if conditions.surroundings else []), *hints]
     work.show('hints', [Text(note, 'note') for note in notes])
     work.show('range', [Text(result.range_text, 'plain'), words])
 
@@ -244,8 +242,7 @@ def _show_forecast(work: Work) -> None:
         clearance=cell.clearance,
         parts_on_tray=cell.parts_on_tray,
     )
-    page = forecast_page([result])
-    work.show('forecast', _level_note(work, ON_A_TRAY) + page_items(page))
+    work.show('forecast', _level_note(work, ON_A_TRAY) + page_items(result.page()))
 
 
 def _level_note(work: Work, text: str) -> list[Item]:
@@ -286,17 +283,16 @@ def _show_track(work: Work) -> None:
             work.publish('progress', {'text': f'looking for traps that pass row {rail.want} ...'})
 
     function = track if rail.traps else design_track
-    found = work.made(function, work.opened.part, options, 'drops', progress=progress)
+    found: TrackResult = work.made(function, work.opened.part, options, 'drops', progress=progress)
     if work.stopped():
         return
-    best: TrackResult = found if rail.traps else found.best
     items = _level_note(work, ON_A_PLANE)
-    if not rail.traps and not found.designs:
+    if found.design is not None and not found.design.designs:
         items.append(Text(NO_DESIGN, 'verdict'))
-    covered = best.drop.range_text  # below the table
+    covered = found.drop.range_text  # below the table
     items += [Text(each, 'plain') for each in found.sentences if each != covered]
-    items += page_items(best.page(), backwards=True)  # the traps first
-    proposed = [] if rail.traps else [trap.document for trap in best.passage.track.traps]
+    items += page_items(found.page(), backwards=True)  # the traps first
+    proposed = [] if rail.traps else [trap.document for trap in found.passage.track.traps]
     work.publish('track', {'html': controls_html('proposed', traps=proposed) + items_html(items)})
 
 
@@ -330,8 +326,7 @@ def _show_comparison(work: Work) -> None:
         found = compare(*(counted_by_class(counted_drops(each)) for each in (a, b)))
         rows = class_rows(a.distribution)
         names = tuple(row.name.partition(' ')[2] for row in rows)
-        # Pictures show the aspects: no directions in the part.
-        sides = dataclasses.replace(found.sides, down=None, what='aspect', names=names)
+        sides = dataclasses.replace(found.sides, what='aspect', names=names)
         items += comparison_items(rows, found.comparison, sides)
         items += [Text(text, 'plain') for text in found.range_texts]
         items.append(_words('compare', found.comparison.confidence))
@@ -394,7 +389,7 @@ def _show_counts(work: Work) -> None:
         return
     found = compare(result, counted_by_class(read_counts(path)))
     rows = class_rows(result.distribution)
-    sides = dataclasses.replace(found.sides, down=None, labels=('simulated', 'counted'))
+    sides = dataclasses.replace(found.sides, labels=('simulated', 'counted'))
     about = [Text(text, 'plain') for text in found.range_texts]
     words = _words('compare', found.comparison.confidence)
     html = items_html([*comparison_items(rows, found.comparison, sides), *about, words])

@@ -91,7 +91,7 @@ def row_table(
         bounds = [',\n'.join(bounds)]
     headings = ['row', 'aspects', 'share', *bounds, 'height\n(mm)', 'centre to\nwall (mm)']
     headings += ['passes'] if runs is None else ['passes', 'simulated']
-    table = Table(title, headings, texts={'passes': None})
+    table = Table(title, headings, texts={'passes'})
     shown = shown_rows(found)
     for k in shown:
         row, (low, high) = found.rows[k], (float(each[k]) for each in found.passing)
@@ -171,7 +171,7 @@ def band_table(bands: Sequence[tuple[str, str, int, 'Band']]) -> Table:
     table = Table(
         '',
         ('trap', 'row', 'dimension', 'all pass\nfrom (mm)', 'none passes\nfrom (mm)'),
-        texts={'dimension': None},
+        texts={'dimension'},
     )
     for name, dimension, row, band in bands:
         table.add_row(

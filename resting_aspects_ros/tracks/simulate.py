@@ -195,7 +195,7 @@ def run_over(
     front = float(row.corners[:, 0].max())
     way = far - start + front + row.length * (BEFORE + PLACE)
     calls = [
-        (job, states.part(first, first + CHUNK), row.length, far, depth, track.speed, way)
+        (job, states.select(slice(first, first + CHUNK)), row.length, far, depth, track.speed, way)
         for first in range(0, count, CHUNK)
     ]
     found = [run_parts(*each) for each in calls] if run is None else run(calls)

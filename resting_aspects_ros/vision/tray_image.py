@@ -122,8 +122,7 @@ YAWS = 360
 class OutlinePlaces:
     """Random places of the outlines without overlap, which stay until the next vibration.
 
-    Other than with `RandomPlaces`, the outlines themselves are placed, and not the rectangles
-    around them. Each part of a rolling class has a random outline of its family.
+    Each part of a rolling class has a random outline of its family.
 
     Parameters
     ----------

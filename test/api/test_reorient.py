@@ -1,13 +1,12 @@
 """Reorientation, retention and given initial states in the Python interface."""
 
-import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api.runner import compare_matrices
+from resting_aspects_ros.api.runner import find_convergence
 from resting_aspects_ros.simulation.conditions import Noise
 from resting_aspects_ros.simulation.starts import GivenStates
 
@@ -109,13 +108,12 @@ def test_wrong_requests_are_named(tetrahedron, workers, wrong, message):
 
 def test_convergence_shows_the_entry_that_moves_most(tapped):
     names = ['aspect 1', 'unclassified', 'unsettled', 'failed', 'lost']
-    many = dataclasses.replace(tapped.matrix, counts=1000 * tapped.matrix.counts)
-    same = compare_matrices(many, many, 1e-5)
+    many = 1000 * tapped.matrix.by_class().counts
+    same = find_convergence(many, many, 1e-5, 1000, 0.95)
     assert same.shift == 0
     assert 'explained by chance' in same.text(names)
     # Each count in the next column, the last in the first.
-    shifted = dataclasses.replace(many, counts=np.roll(many.counts, 1, axis=1))
-    moved = compare_matrices(many, shifted, 1e-5)
+    moved = find_convergence(many, np.roll(many, 1, axis=1), 1e-5, 1000, 0.95)
     assert (moved.row, moved.column) in [(0, 0), (0, 1)]
     assert moved.lower <= moved.shift <= moved.upper
     assert 'not explained by chance' in moved.text(names)

@@ -85,7 +85,7 @@ def test_interrupted_runs_leave_a_result_that_is_not_complete():
     assert stopped.runs is None
     design = ra.design_track('hex_nut', 1, traps=1, **options)
     assert not design.complete
-    assert design.best.runs is None
+    assert design.runs is None
 
 
 def test_an_unknown_action_is_refused_before_the_drops():
@@ -123,12 +123,13 @@ def test_a_sensor_passes_what_it_identifies():
 @pytest.mark.slow
 def test_a_design_tells_what_it_does_not_separate_and_what_would():
     designed = ra.design_track('l_bracket', 1, drops=50, model_range=False)
-    assert designed.designs
-    assert designed.best.margin == max(each.margin for each in designed.designs)
+    designs = designed.design.designs
+    assert designs[0].margin == max(each.margin for each in designs)
+    assert designed.passage is designs[0].passage
     assert 1 in designed.alike
     assert any('cut-out' in text or 'camera' in text for text in designed.advice)
     document = json.loads(designed.to_json())
-    assert len(document['design']['proposals']) == len(designed.designs)
+    assert len(document['design']['proposals']) == len(designs)
     assert document['design']['alike'] == list(designed.alike)
 
 
@@ -136,7 +137,7 @@ def test_a_design_tells_what_it_does_not_separate_and_what_would():
 def test_proposed_traps_find_a_place_after_many_of_ones_own():
     harmless = {'kind': 'wiper', 'height': '40mm'}
     found = ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 19}, **FEW)
-    assert len(found.best.passage.track.traps) <= 20
+    assert len(found.passage.track.traps) <= 20
     with pytest.raises(ra.InvalidValueError, match='20'):
         ra.design_track('hex_nut', 2, {**NUT, 'traps': [harmless] * 20}, **FEW)
 
@@ -145,9 +146,8 @@ def test_proposed_traps_find_a_place_after_many_of_ones_own():
 def test_without_a_design_other_rows_are_named():
     # Row 1 passes each trap that row 3 passes.
     found = ra.design_track('hex_nut', 3, **FEW)
-    assert not found.designs
-    assert found.best is found.bare
-    assert found.best.passage.wanted == (3,)
+    assert not found.design.designs
+    assert found.passage.wanted == (3,)
     assert any('No set of traps' in text for text in found.advice)
     assert any('these wanted rows' in text for text in found.advice)
 

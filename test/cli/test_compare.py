@@ -69,8 +69,7 @@ def test_compare_drops_with_manual_counts(compared, write_json, tmp_path):
 @pytest.mark.parametrize(
     ('changes', 'said'),
     [
-        ({}, '200 drops of A and B are the same'),
-        ({'run_id': 'other', 'first_drop': 150}, '50 drops of A and B are the same'),
+        ({'run_id': 'other', 'first_drop': 150}, '50 drops of A and B start from the same'),
         ({'seed': 4}, ''),
         ({'engine_version': '9'}, '200 drops of A and B start from the same orientations'),
     ],
@@ -90,7 +89,7 @@ def test_classes_counted_together_are_compared_together(tmp_path):
     assert result.a.names == result.b.names == ('1', '2+3', '4')
     assert result.b.tally.counts.tolist() == [30, 50, 20]
     (tmp_path / 'c.csv').write_text('class,count\n1,30\n2+3,50\n3,20\n')
-    with pytest.raises(InvalidValueError, match=r'2\+3'):
+    with pytest.raises(InvalidValueError, match='in one group'):
         compare(tmp_path / 'a.csv', tmp_path / 'c.csv')
     (tmp_path / 'd.csv').write_text('class,count\n1,30\n2,50\n3,20\n')
     with pytest.raises(InvalidValueError, match='4'):
@@ -121,7 +120,6 @@ def test_accepted_spellings_of_manual_counts(tmp_path, text):
     [
         'batch,class,count\na,1,3\na,2,1\nb,1,2\nb,2,4\n',
         'class\n1\n1\n2\n1\n1\n1\n2\n2\n2\n2\n',
-        'time;class_1;class_2\n8:00;3;1\n8:10;2;4\n',
     ],
 )
 def test_counts_in_batches_are_added_up(tmp_path, text):

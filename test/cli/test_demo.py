@@ -59,7 +59,7 @@ def test_a_node_that_dies_is_named_with_its_log(begin, running, read_until, sess
     printed, errors = process.communicate(timeout=600)
     assert process.returncode == 1
     assert errors.splitlines()[-1] == (
-        "error: drop_simulator ended by signal SIGKILL: see 'o/drop_simulator.log'"
+        "error: drop_simulator ended with exit code -9: see 'o/drop_simulator.log'"
     )
     assert len(printed.splitlines()) == 1
     # No process of the demo is left: each of them leads a session.

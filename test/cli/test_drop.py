@@ -11,7 +11,7 @@ import trimesh
 from PIL import Image
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.api import model_range
+from resting_aspects_ros.api.plan import check_height
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.options import parse_integer, parse_share
 from resting_aspects_ros.simulation.job import make_job
@@ -46,15 +46,11 @@ def test_outputs_of_a_run_agree(run, tmp_path):
         assert min(picture.size) > 200
 
 
-@pytest.mark.slow
-def test_height_in_the_wrong_unit_is_refused_unless_forced(
-    refused, run, box, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(model_range, 'DROPS', 1)  # they fall for long
-    box.export(tmp_path / 'box.stl')
-    words = ('drop', 'box.stl', '--drops', 1, '--height', '11')  # m, of a box of 30 mm
-    assert '--force' in refused(*words)
-    assert run(*words, '--force').returncode == 0
+def test_height_in_the_wrong_unit_is_refused(part):
+    box = part('box_10x20x30')
+    check_height(box, 1.0)
+    with pytest.raises(ra.InvalidValueError, match=r'invalid height 60 m: .* such as 60mm'):
+        check_height(box, 60.0)
 
 
 def test_numbers_in_any_notation():
@@ -110,7 +106,7 @@ def test_shift_compares_the_same_drops_with_half_the_time_step(part, surfaces):
     before = result.distribution.counts
     shift = fine / fine.sum() - before / before.sum()
     moved = int(np.abs(shift).argmax())
-    assert (found.aspect, found.drops) == (moved + 1, 500)
+    assert (found.column, found.number) == (moved, 500)
     assert found.shift == pytest.approx(shift[moved], abs=1e-12)
     assert found.lower <= found.shift <= found.upper
 

@@ -234,14 +234,6 @@ def test_from_log_refuses_a_log_without_drops(write_log, dropped, part, refused)
     )
 
 
-def test_a_run_from_a_log_can_be_longer(run, log, dropped, tmp_path):
-    ended = run('drop', '--from-log', log(), '--drops', 310, '--poses', 'again.csv')
-    assert ended.returncode == 0
-    found = table_of(tmp_path / 'again.csv')
-    assert len(found) == 310
-    assert found[:DROPS] == [row for batch in dropped[1] for row in table(batch)]
-
-
 @pytest.mark.slow
 def test_log_of_bullet_is_repeated_with_bullet(run, tmp_path):
     words = ('--engine', 'bullet', '--poses')

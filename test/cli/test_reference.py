@@ -10,7 +10,7 @@ from doc_pages import ROOT, code, first_cells, section
 
 from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.count_files import read_counts
-from resting_aspects_ros.api.plan import NEEDED, OPTIONAL
+from resting_aspects_ros.api.plan import COLUMNS
 from resting_aspects_ros.api.result import POSES_HEADER
 from resting_aspects_ros.cli import life_cycle
 from resting_aspects_ros.part.library import EXPECTED
@@ -60,7 +60,7 @@ def test_every_name_is_listed(surfaces):
         (kinds,) = re.findall(r'^\| `kind` \| (.*?) \|', section(FILES, heading), re.MULTILINE)
         assert kinds.split(', ') == list(known)
     assert keys(FILES, '## Part description') == list(EXPECTED)
-    assert sorted(keys(FILES, '## Initial states')) == sorted([*NEEDED, *OPTIONAL])
+    assert sorted(keys(FILES, '## Initial states')) == sorted(COLUMNS)
     assert keys(FILES, '## Poses') == list(POSES_HEADER)
     assert keys(FILES, '## Surroundings', 1) == list(BODY_VALUES)
     assert keys(FILES, '## Surroundings', 2) == list(RELEASE_VALUES)
@@ -101,7 +101,7 @@ def test_every_key_of_a_result_is_listed(run):
     ended = run('drop', 'tetrahedron', *few, '--surroundings', 'wall')
     document = json.loads(ended.stdout)
     assert keys(FILES, '## Result', 2) == list(document['contacts'][0])
-    assert set(keys(FILES, '## Result')) == {*document, 'convex_pieces', 'mesh_surface'}
+    assert set(keys(FILES, '## Result')) == {*document, 'convex_pieces'}
     (row,) = re.findall(r'^\| `schema_version` \|.*$', section(FILES, '## Result'), re.MULTILINE)
     assert row.endswith(f': {document["schema_version"]} |')
     assert keys(FILES, '## Result', 1) == list(document['aspects'][0])

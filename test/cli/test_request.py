@@ -11,7 +11,6 @@ import signal
 import numpy as np
 import pytest
 from doc_pages import code
-from PIL import Image
 
 
 @pytest.mark.slow
@@ -21,7 +20,7 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
 
     # Without a surface, that of the simulator.
     asked = ('request', 'tetrahedron', '--drops', 20, '--seed', 3)
-    ended = run(*asked, '--json', '--picture', 'p.png')
+    ended = run(*asked, '--json')
     assert ended.returncode == 0, ended.stderr
     dropped = json.loads(run('drop', *asked[1:], '--surface', 'steel', '--json').stdout)
     document = json.loads(ended.stdout)
@@ -35,8 +34,6 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
     assert document.pop('history') is None  # not part of the service
     del dropped['history']
     assert document == dropped
-    with Image.open(tmp_path / 'p.png') as picture:
-        picture.load()
 
     known = run(*asked, '--only-known')
     assert known.stdout.splitlines()[1].strip() == '20 drops on steel, seed 3'
@@ -64,11 +61,7 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
     os.killpg(asking.pid, signal.SIGINT)
     *_, last = asking.communicate(timeout=600)[1].splitlines()
     assert asking.returncode == 130
-    assert re.fullmatch(
-        r'interrupted after \d+ drops, which are kept; the run ends unless another client '
-        r'requested the same drops',
-        last,
-    )
+    assert last == 'interrupted'
     # The completed drops are logged, and the log is closed.
     wait_until(lambda: len(list(tmp_path.glob('logs/*/metadata.yaml'))) == 4)
 

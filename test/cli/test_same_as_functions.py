@@ -2,12 +2,10 @@
 
 import json
 import warnings
-from pathlib import Path
 
 import pytest
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.feeding.grasps import load_grasps
 
 # Of a run, not of its result.
 OWN = ('run_id', 'started')
@@ -22,9 +20,8 @@ def without_time(document):
     return document
 
 
-GRASPS = Path(__file__).parents[2] / 'config' / 'grasps' / 'l_bracket.yaml'
 FORECAST = (
-    f'forecast l_bracket --pickable 1 --per-aspect 5 --drops 20 --grasps {GRASPS} --controller '
+    'forecast l_bracket --pickable 1 --per-aspect 5 --drops 20 '
     '--robot 900ms --vibrate 1s --settle 0.4 --image 100ms --supply 50ms --overlap --place 0.3s '
     '--clearance 2mm --parts-on-tray 3 --max-picks 2 --minutes 0.1 --tray 0.1mx100mm'
 )
@@ -34,7 +31,6 @@ FORECAST_OF = {
     'per_aspect': 5,
     'drops': 20,
     'tray': (0.1, 0.1),
-    'grasps': load_grasps(GRASPS),
     'robot': 0.9,
     'vibrate': 1.0,
     'settle': 0.4,
@@ -45,12 +41,11 @@ FORECAST_OF = {
     'clearance': 0.002,
     'parts_on_tray': 3,
     'max_picks': 2,
-    'controller': True,
     'minutes': 0.1,
 }
 WIPER = {'kind': 'wiper', 'height': '12.7mm'}
 DOCUMENTS = {
-    'drop, parts wedge': (
+    'drop in a groove': (
         'drop hex_nut --drops 9 --surroundings v_groove --set opening=0.3 --interval simultaneous',
         lambda: ra.drop(
             'hex_nut',
@@ -64,7 +59,7 @@ DOCUMENTS = {
         lambda: ra.reorient('t_prism', 'tap', 10, drops=50, precision=0.02),
     ),
     'retention': ('retention l_bracket --per-height 5', lambda: ra.retention('l_bracket', 5)),
-    'forecast with grasps and controller': (FORECAST, lambda: ra.forecast(**FORECAST_OF)),
+    'forecast': (FORECAST, lambda: ra.forecast(**FORECAST_OF)),
     'optimise': (
         'optimise l_bracket --vary height=20mm:200mm --wanted 1 --budget 2000',
         lambda: ra.optimise('l_bracket', {'height': '20mm:200mm'}, wanted=[1], budget=2000),

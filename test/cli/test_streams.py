@@ -1,39 +1,13 @@
-"""Closed streams, full disks, little memory: one line, no traceback."""
+"""Closed pipes, full disks, no memory: one line, no traceback."""
 
 import json
 import os
-import resource
 import subprocess
 from pathlib import Path
 
 import pytest
 
-CLOSED = 'error: standard output: Bad file descriptor\n'
 FULL = 'No space left on device'
-
-
-def closing(*numbers):
-    return lambda: [os.close(number) for number in numbers]
-
-
-@pytest.mark.slow
-def test_files_are_written_when_standard_output_is_closed(run_process, tmp_path):
-    words = ('drop', 'tetrahedron', '--drops', 20, '--out', 'o')
-    ended = run_process(
-        *words, capture_output=False, stderr=subprocess.PIPE, preexec_fn=closing(0, 1)
-    )
-    assert (ended.returncode, ended.stderr.endswith(CLOSED)) == (1, True)
-    assert 'Traceback' not in ended.stderr
-    assert (tmp_path / 'o' / 'distribution.json').read_text(encoding='utf-8').startswith('{')
-    assert (tmp_path / 'o' / 'poses.csv').stat().st_size > 0
-
-
-@pytest.mark.slow
-def test_errors_do_not_go_to_stdout_when_stderr_is_closed(run_process):
-    ended = run_process(
-        'aspects', 'nope', capture_output=False, stdout=subprocess.PIPE, preexec_fn=closing(2)
-    )
-    assert (ended.returncode, ended.stdout) == (2, '')
 
 
 @pytest.mark.slow
@@ -63,25 +37,9 @@ def test_full_disk_prints_one_line_and_keeps_the_result(run):
     assert all(words in last for words in ("'/dev/full'", FULL, '3 of 3 drops'))
 
 
-def test_little_memory_is_named(run_process):
-    def limit():
-        resource.setrlimit(resource.RLIMIT_AS, (200_000 << 10, 200_000 << 10))
-
-    ended = run_process('drop', 'tetrahedron', '--drops', 5, preexec_fn=limit)
-    assert (ended.returncode, ended.stdout) == (1, '')
-    (line,) = ended.stderr.splitlines()
-    assert '195 MiB' in line
-
-
-@pytest.mark.parametrize(
-    'error', [MemoryError(), OSError(12, ''), ImportError('x.so: failed to map segment')]
-)
-def test_refused_memory_is_reported_in_one_line(run, monkeypatch, error):
+def test_refused_memory_is_reported_in_one_line(run, monkeypatch):
     def refuse(*_):
-        try:
-            raise error
-        except type(error) as cause:
-            raise ValueError('something else failed for it') from cause
+        raise MemoryError
 
     monkeypatch.setattr('resting_aspects_ros.cli.verbs.aspects.find_aspects', refuse)
     ended = run('aspects', 'tetrahedron')

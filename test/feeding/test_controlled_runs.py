@@ -11,7 +11,7 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.feeding import tray_simulation
 from resting_aspects_ros.feeding.control import ControllerModel, advise
 from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray
-from resting_aspects_ros.feeding.forecast import FeederModel, SteadyStates
+from resting_aspects_ros.feeding.forecast import FeederModel
 from resting_aspects_ros.feeding.steady_state import CycleTimes, Moves, drawn_moves
 from resting_aspects_ros.feeding.tray_simulation import SimulatedRuns, forecast_controller
 
@@ -38,8 +38,8 @@ def density(generator):
 
 
 def test_rate_of_the_cycle_of_the_forecast_is_that_of_the_formula():
-    found = forecast_controller(MODEL, places=density, controller=fixed_cycle(MODEL))
-    expected = SteadyStates(FEEDER).rates(TABLE)[7]
+    found = forecast_controller(MODEL, density, controller=fixed_cycle(MODEL))
+    expected = FEEDER.rates(TABLE)[7]
     # The interval of the mean contains it in 95 % of cases, so twice its width nearly always.
     assert abs(found.rate - expected) < found.upper - found.lower
     assert found.prediction[0] < found.lower < found.rate < found.upper < found.prediction[1]
@@ -76,7 +76,7 @@ def test_interval_contains_what_the_counts_leave_open():
         max_picks=3,
     )
     model, minutes = ControllerModel(feeder, TABLE, 12), 5
-    found = forecast_controller(model, minutes, places=lambda each: DensityPlaces(model, each))
+    found = forecast_controller(model, lambda each: DensityPlaces(model, each), minutes)
     low, high = found.prediction
     drawn = drawn_moves(feeder.drop, feeder.transitions, 10, np.random.default_rng(5))
     within = 0
@@ -93,8 +93,7 @@ def test_interval_contains_what_the_counts_leave_open():
 @pytest.mark.slow
 def test_formula_predicts_runs_of_its_cycle():
     """From an empty tray, with parts that are lost and replaced after the next image."""
-    states = SteadyStates(FEEDER)
-    spread, rate = states.spread(TABLE, 8), states.rates(TABLE)[7]
+    spread, rate = FEEDER.spread(TABLE, 8), FEEDER.rates(TABLE)[7]
     found = [
         density_run(fixed_cycle(MODEL), MODEL, 300, np.random.default_rng(seed))
         for seed in range(60)
@@ -109,4 +108,4 @@ def test_formula_predicts_runs_of_its_cycle():
 def test_invalid_duration_is_refused():
     for minutes in (0, np.nan, 1e9):
         with pytest.raises(InvalidValueError, match='invalid minutes'):
-            forecast_controller(MODEL, minutes)
+            forecast_controller(MODEL, density, minutes)

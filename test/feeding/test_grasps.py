@@ -1,23 +1,18 @@
-"""Grasps of a part: the file, what is refused, and the footprints on the tray."""
+"""Grasps of a part: the file, what is refused, and the area of the gripper."""
 
 import math
 
 import numpy as np
 import pytest
-import shapely
 import yaml
-from shapely import affinity
 
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.feeding import footprint
-from resting_aspects_ros.feeding.footprint import Footprint, Grip, Tray, free_shares
 from resting_aspects_ros.feeding.grasps import (
     Grasp,
     check_grasps,
     gripper_area,
     gripper_poses,
-    grips_of,
     load_grasps,
 )
 
@@ -82,43 +77,10 @@ def test_grasp_that_does_not_fit_the_part_is_refused(known, made, pickable, word
         check_grasps([made], known.placements, pickable)
 
 
-def test_grip_covers_the_area_of_the_gripper(known):
-    """Beside the rectangle around the outline, and as a polygon beside the outline itself."""
+def test_area_of_a_gripper_is_that_of_its_footprint(known):
     placement = known.placements[0]
-    grasps = load_grasps(FILE)
-    rectangle = shapely.minimum_rotated_rectangle(placement.outline.polygon)
-    for made, grip in zip(grasps, grips_of(grasps, placement), strict=True):
-        shape = grip.footprint
-        box = shapely.box(-shape.length / 2, -shape.width / 2, shape.length / 2, shape.width / 2)
-        box = box if box.area else shapely.Point(0, 0)
-        box = affinity.rotate(box, grip.yaw, origin=(0, 0), use_radians=True)
-        box = affinity.translate(box, grip.x, grip.y).buffer(shape.radius)
-        box = affinity.rotate(box, placement.outline.long_axis, origin=(0, 0), use_radians=True)
-        box = affinity.translate(box, *rectangle.centroid.coords[0])
+    for made, size in zip(load_grasps(FILE), (math.pi * 0.003**2, 0.02 * 0.006), strict=True):
         (pose,) = gripper_poses(made, placement.poses(0, 0, 0))
         area = gripper_area(made, pose)
-        assert area.symmetric_difference(box).area < 1e-3 * area.area
-        assert area.area == pytest.approx(shape.area, rel=0.01)
-
-
-@pytest.mark.slow
-def test_any_free_grip_is_sufficient(monkeypatch):
-    """The share of free parts grows with each grip, and is 1 if the gripper is within the part."""
-    monkeypatch.setattr(footprint, 'PLACED', 3000)
-    tray = Tray((0.2, 0.2), 0.0)
-    wide, beside = Grip(Footprint(0.06, 0.06)), Grip(Footprint(0.02, 0.02), 0.03)
-
-    def free(*grips):
-        footprints = [Footprint(0.03, 0.02, 0.0, grips), Footprint(0.03, 0.03)]
-        return free_shares(tray, footprints, np.array([0.5, 0.5]), 1).at(10)
-
-    both, one, other = free(wide, beside), free(wide), free(beside)
-    assert max(one[0], other[0]) < both[0] < 1
-    assert free(Grip(Footprint(0.01, 0.01)))[0] == 1
-    # A class without grips only needs the clearance, which is 0 here.
-    assert both[1] == 1
-    # A grip in the middle is the gripper of the tray.
-    gripped = Tray((0.2, 0.2), 0.0, wide.footprint)
-    alone = free_shares(gripped, [Footprint(0.03, 0.02)], np.ones(1), 1)
-    same = free_shares(tray, [Footprint(0.03, 0.02, 0.0, (wide,))], np.ones(1), 1)
-    np.testing.assert_array_equal(alone.free, same.free)
+        assert area.area == pytest.approx(size, rel=0.01)
+        assert area.centroid.coords[0] == pytest.approx(pose.position[:2])

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from feeders import DensityPlaces, density_run, fixed_cycle
 
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.feeding.control import Advice, Choice, ControllerModel, advise
 from resting_aspects_ros.feeding.footprint import Footprint, FreeShares, Tray, free_shares
 from resting_aspects_ros.feeding.forecast import FeederModel
 from resting_aspects_ros.feeding.steady_state import CycleTimes
-from resting_aspects_ros.feeding.tray_simulation import RandomPlaces, SimulatedTray
+from resting_aspects_ros.feeding.tray_simulation import SimulatedTray
+from resting_aspects_ros.vision.outline import find_outlines
+from resting_aspects_ros.vision.tray_image import OutlinePlaces
 
 FEEDER = FeederModel(
     np.array([600, 400]),
@@ -28,11 +31,6 @@ def model():
     return ControllerModel(FEEDER, table, NUMBER, spread=0.4)
 
 
-def tray_of(model, seed, places=RandomPlaces):
-    generator = np.random.default_rng(seed)
-    return SimulatedTray(model, places(model, generator), generator)
-
-
 @pytest.mark.slow
 def test_controller_is_not_below_the_cycle_of_the_forecast(model):
     def rate(rule):
@@ -44,22 +42,29 @@ def test_controller_is_not_below_the_cycle_of_the_forecast(model):
 
 
 @pytest.mark.slow
-def test_free_parts_have_the_shares_of_the_table(model):
-    tray = tray_of(model, 2)
+def test_free_parts_have_the_shares_of_the_table(model, part):
+    """Outlines that are rectangles are free as often as their footprints."""
+    box = part('box_10x20x30')
+    outlines = find_outlines(box, find_aspects(box))[1:]
+    sizes = [Footprint(each.length, each.width) for each in outlines]
+    table = free_shares(FEEDER.tray, sizes, FEEDER.drop, 1, NUMBER)
+    generator = np.random.default_rng(2)
+    tray = SimulatedTray(model, OutlinePlaces(outlines, FEEDER.tray.size, generator), generator)
     tray.supply(6)
     tray.supply(6)
     counts = np.zeros((2, 2))
     for _ in range(200):
         tray.spread()
-        for part in tray.seen():
-            counts[part.symmetry_class - 1] += [part.clearance >= 0.005, 1]
+        for seen in tray.seen():
+            counts[seen.symmetry_class - 1] += [seen.clearance >= 0.005, 1]
     found = counts[:, 0] / counts[:, 1]
     # Free parts of one tray are correlated, and the mix differs a little from that of the table.
-    assert found == pytest.approx(model.table.at(12), abs=0.05)
+    assert found == pytest.approx(table.at(12), abs=0.05)
 
 
 def test_flip_has_the_shares_of_the_transitions(model):
-    tray = tray_of(model, 3, DensityPlaces)
+    generator = np.random.default_rng(3)
+    tray = SimulatedTray(model, DensityPlaces(model, generator), generator)
     tray.supply(4000)
     first = tray.classes == 0
     # Four standard deviations of a binomial number of 4000.

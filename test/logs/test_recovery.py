@@ -13,10 +13,9 @@ from rosbags.rosbag2 import Reader
 from wire import bag_messages
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs import recovery
 from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
-from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.logs.writer import BagWriter, RunLog
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
 PART = Topic('/cell/parts/nut', PART_TYPE, Qos(1, durability='transient_local'))
@@ -137,13 +136,13 @@ def test_logs_of_any_topics_can_be_recovered(tmp_path):
 
 
 def test_concurrent_recovery_is_rejected(unfinished, monkeypatch):
-    finish, others = recovery.finish_file, []
+    finish, others = BagWriter.finish, []
 
-    def meanwhile(*arguments):
+    def meanwhile(writer):
         others.append(recover_log(unfinished).being_written)
-        finish(*arguments)
+        return finish(writer)
 
-    monkeypatch.setattr(recovery, 'finish_file', meanwhile)
+    monkeypatch.setattr(BagWriter, 'finish', meanwhile)
     recover_log(unfinished)
     assert others == [True]
     assert bag_messages(unfinished) == expected(8)
@@ -169,7 +168,7 @@ def test_full_disk_leaves_the_log_unchanged(unfinished, no_space_after):
 WRITE_UNTIL_KILLED = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.logs.writer import BagWriter, RunLog
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 log = RunLog(Path(sys.argv[1]), 'run')
 for i in range(10**9):

@@ -353,17 +353,10 @@ def test_existing_log_is_not_overwritten(tmp_path):
     assert (tmp_path / 'run' / 'run_0.mcap').read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ('name', 'expected'),
-    [
-        *((name, 'invalid log name ') for name in ('', '..', 'a/b', 'a\0b', '-a')),
-        ('a' * 300, 'cannot be written: File name too long'),
-        ('a' * 250, 'cannot be written: File name too long'),  # that of the folder fits
-    ],
-)
-def test_invalid_log_name_is_rejected(tmp_path, name, expected):
-    with pytest.raises(LogError, match=expected):
-        RunLog(tmp_path, name)
+@pytest.mark.parametrize('length', [300, 250])  # in the second case that of the folder fits
+def test_too_long_log_name_is_rejected(tmp_path, length):
+    with pytest.raises(LogError, match='cannot be written: File name too long'):
+        RunLog(tmp_path, 'a' * length)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -24,7 +24,7 @@ from resting_aspects_ros.logs.bag import OUTCOME
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier import known
-from resting_aspects_ros.ros import diagnostics
+from resting_aspects_ros.ros import health
 from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.simulation.job import plan_run
@@ -73,7 +73,7 @@ def cheap_nodes():
         patch.setattr(FileWorker, '_call', _call_here)
         patch.setattr(model_range, 'DROPS', 20)
         patch.setattr(known, 'QUIET_PERIOD', 2.0)
-        patch.setattr(diagnostics, 'PERIOD', 0.2)
+        patch.setattr(health, 'DIAGNOSTICS_PERIOD', 0.2)
         yield
 
 

@@ -5,7 +5,7 @@ import re
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, RestingPoses
-from ros_graph import Diagnostics, Parameters
+from ros_graph import Diagnostics
 
 from resting_aspects_ros.ros.conversions import part_msg
 from resting_aspects_ros.ros.interface import LATCHED, POSES
@@ -31,10 +31,7 @@ def test_nodes_publish_diagnostics(suite, diagnostics):
         assert level == DiagnosticStatus.OK
         assert re.fullmatch(r'tetrahedron: \d+ of 2000000 drops', message)
         assert values['active runs'] == '1'
-        assert re.fullmatch(rf'{message}, run \w+', values['run 1'])
     file = values['log files']
-    key = 'drops per second of run 1'
-    diagnostics.wait('drop_simulator', lambda *status: float(status[2][key]) > 0, 'its rate')
     suite.client.canceled(drop)
     assert drop.result.run_id in file
     for node, key in (
@@ -91,7 +88,7 @@ def test_duplicate_nodes_report_each_other(
         given = {'parts_folder': few_parts('tetrahedron')}
         if node == 'drop_recorder':
             given = {'log_folder': tmp_path_factory.mktemp('logs')}
-        return start(node, namespace, given, {'ros.discovery.DUPLICATE_DELAY': 0.5})
+        return start(node, namespace, given, {'ros.health.DUPLICATE_DELAY': 0.5})
 
     def reported(message):
         return diagnostics.wait(node, lambda _, m, __: m == message, message)[0]
@@ -112,17 +109,14 @@ def test_duplicate_nodes_report_each_other(
 def test_unrecorded_drops_are_not_counted_as_recorded(suite, diagnostics, tmp_path):
     # A log that is closed later would end the error.
     diagnostics.forget()
-    diagnostics.wait('drop_recorder', lambda *status: status[2]['logs open'] == '0', 'closed logs')
-    recorder = Parameters(suite.client, 'drop_recorder')
-    assert recorder.set(log_folder=str(tmp_path / 'disk')) == []
-    (tmp_path / 'disk').rmdir()
-    (tmp_path / 'disk').write_bytes(b'')  # no folder can be created there
+    diagnostics.wait('drop_recorder', lambda *status: not status[2]['log files'], 'closed logs')
+    suite.logs.rename(tmp_path / 'logs')
+    suite.logs.write_bytes(b'')  # no folder can be created there
     run_id = suite.client.drop('tetrahedron', 300, seed=6).result.run_id
-    before = f'run {run_id} of tetrahedron is not recorded: '
+    before = f'only 0 drops of run {run_id} of tetrahedron are recorded: '
     _, _, values = diagnostics.wait(
         'drop_recorder',
         lambda level, message, _: level == DiagnosticStatus.ERROR and message.startswith(before),
         before,
     )
-    assert (values['logs open'], values['log files']) == ('0', '')
-    assert recorder.set(log_folder=str(suite.logs)) == []
+    assert values['log files'] == ''

@@ -31,7 +31,7 @@ SECOND = 10**9
 # A test may take long on a busy machine; only the test of a stopped camera needs a short time.
 TIMEOUT = 'nodes.feeder_controller.node.IMAGE_TIMEOUT'
 QUICK = {
-    'ros.diagnostics.PERIOD': 0.1,
+    'ros.health.DIAGNOSTICS_PERIOD': 0.1,
     'nodes.feeder_controller.node.CHECK_PERIOD': 0.1,
     'nodes.feeder_controller.model_updates.REQUEST_PERIOD': 0.2,
 }

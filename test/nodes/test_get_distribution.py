@@ -70,8 +70,8 @@ def test_known_distribution_needs_no_drop(suite, first, surfaces):
 @pytest.mark.parametrize(
     ('fields', 'expected'),
     [
-        ({'drops': 261}, 'no known distribution .* at least 261 drops.* 260 drops on rubber_mat'),
-        ({'drops': 260, 'seed': [8]}, 'no known .* with seed 8 .* on rubber_mat with seed 7'),
+        ({'drops': 261}, 'no known distribution .* at least 261 drops'),
+        ({'drops': 260, 'seed': [8]}, 'no known .* with seed 8 has at least 260 drops'),
     ],
 )
 def test_only_known_drops_nothing(suite, first, fields, expected):
@@ -84,9 +84,7 @@ def test_run_from_the_middle_does_not_match_its_seed(suite):
     slice_of_run = suite.client.drop('box_10x20x30', 30, first_drop=500, seed=5).result
     assert slice_of_run.drops == 30
     refused = suite.client.ask('box_10x20x30', 30, seed=[5], only_known=True).status
-    assert refused.message.endswith(
-        '; known distributions: 30 drops on rubber_mat from drop 500 on'
-    )
+    assert refused.code == Status.NOT_AVAILABLE
     answer = suite.client.ask('box_10x20x30', 30, seed=[5])
     assert answer.distribution.run.first_drop == 0
     assert answer.distribution.run.run_id != slice_of_run.run_id

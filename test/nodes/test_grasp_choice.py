@@ -116,15 +116,17 @@ def test_missing_flips_have_the_shares_of_the_drops(fed, evidence, settings):
     """A rare class keeps its share: 1 of 1000 drops is less than one of 20 flips."""
     drops = np.array([1, 499, 300, 150, 50])
     found = build_model(evidence(drops), fed.footprints, settings)
-    np.testing.assert_allclose(found.moves.transitions, np.tile(drops / 1000, (5, 1)), rtol=1e-12)
+    np.testing.assert_allclose(
+        found.feeder.moves.transitions, np.tile(drops / 1000, (5, 1)), rtol=1e-12
+    )
     assert found.values.rate > 0
-    assert not found.trapped.any()
+    assert not found.feeder.trapped.any()
     flips = np.diag([5, 20, 0, 0, 100])
     found = build_model(evidence(drops, flips), fed.footprints, settings)
     expected = np.tile(drops / 1000, (5, 1))
     expected[0] = (np.array([5, 0, 0, 0, 0]) + 15 * drops / 1000) / 20
     expected[[1, 4]] = np.eye(5)[[1, 4]]
-    np.testing.assert_allclose(found.moves.transitions, expected, rtol=1e-12)
+    np.testing.assert_allclose(found.feeder.moves.transitions, expected, rtol=1e-12)
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ TRAY = [0.06, 0.06]  # a small tray is quickly forecast
 QUICK = {
     'nodes.aspect_classifier.live.PERIOD': 0.05,
     'nodes.aspect_classifier.known.QUIET_PERIOD': 0.5,
-    'ros.diagnostics.PERIOD': 0.1,
+    'ros.health.DIAGNOSTICS_PERIOD': 0.1,
 }
 
 
@@ -198,7 +198,7 @@ def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     assert found.sentence == expected.sentence
     assert found.parts_per_minute == expected.parts_per_minute
     assert (found.lower, found.upper) == (expected.lower, expected.upper)
-    assert (found.prediction_lower, found.prediction_upper) == expected.prediction
+    assert (found.prediction_lower, found.prediction_upper) == expected.named.forecast.prediction
     assert (found.best_number, found.limited_by) == (expected.best_number, expected.limited_by)
     assert found.flips_per_part == expected.named.forecast.flips_per_part
     shorter = dict(zip(found.times, found.shorter, strict=True))

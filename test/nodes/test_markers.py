@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.support import ContactPlane
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     BODIES,
     MAX_SHOWN,
@@ -23,11 +24,13 @@ from resting_aspects_ros.nodes.aspect_classifier.publishers import (
     CurrentPosesPublisher,
     PartMarkers,
     labels,
-    plane_patch,
     serialized_markers,
 )
+from resting_aspects_ros.report.picture import plane_patch
+from resting_aspects_ros.ros.conversions import description_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CURRENT_POSES, LATCHED
+from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.surroundings import surroundings_names
 from resting_aspects_ros.statistics.distribution import no_drops
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
@@ -133,23 +136,25 @@ def test_markers_are_published_with_distributions(suite):
 # -- of surroundings ------------------------------------------------------------------------------
 
 
-def area(corners):
-    a, b, c = corners[:1], corners[1:-1], corners[2:]
+def area(points, faces):
+    a, b, c = np.moveaxis(points[faces], 1, 0)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 def test_a_patch_of_a_plane_is_a_square_that_ends_at_a_wall():
-    found = plane_patch(np.array([0.6, 0.0, 0.8, -0.1]), [], 2.0)
-    np.testing.assert_allclose(found @ [0.6, 0.0, 0.8], 0.1)
-    np.testing.assert_allclose(found.mean(axis=0), [0.06, 0.0, 0.08], atol=1e-12)
-    assert area(found) == pytest.approx(16.0)
-    level = np.array([0.0, 0.0, 1.0, 0.0])
-    wall = np.array([0.0, 1.0, 0.0, 0.5])  # the half-space y <= -0.5
-    found = plane_patch(level, [wall], 2.0)
-    assert found[:, 1].min() == pytest.approx(-0.5)
-    assert area(found) == pytest.approx(4 * 2.5)
+    origin = np.zeros(3)
+    found = plane_patch(ContactPlane('', np.array([0.6, 0.0, 0.8]), 0.1), [], origin, 2.0)
+    np.testing.assert_allclose(found[0] @ [0.6, 0.0, 0.8], 0.1)
+    np.testing.assert_allclose(found[0].mean(axis=0), [0.06, 0.0, 0.08], atol=1e-12)
+    assert area(*found) == pytest.approx(16.0)
+    level = ContactPlane('', np.array([0.0, 0.0, 1.0]), 0.0)
+    wall = ContactPlane('', np.array([0.0, 1.0, 0.0]), -0.5)  # of the half-space y <= -0.5
+    found = plane_patch(level, [wall], origin, 2.0)
+    assert found[0][:, 1].min() == pytest.approx(-0.5)
+    assert area(*found) == pytest.approx(4 * 2.5)
     # A plane inside another body has none.
-    assert len(plane_patch(level, [np.array([0.0, 0.0, 1.0, -1.0])], 2.0)) == 0
+    above = ContactPlane('', np.array([0.0, 0.0, 1.0]), 1.0)
+    assert len(plane_patch(level, [above], origin, 2.0)[1]) == 0
 
 
 @pytest.fixture
@@ -158,7 +163,10 @@ def markers_in(part, surfaces):
 
     def markers_in(name):
         conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
-        return serialized_markers(part('l_bracket'), conditions, None, 'cell')
+        given = {'seed': 1, 'drops': 1, 'run_id': 'a', 'started': 1}
+        job, run = plan_run(part('l_bracket'), conditions, **given)
+        description = serialize_message(description_msg(run, job.scene, 'cell'))
+        return serialized_markers(description, part('l_bracket').hull_radius)
 
     return markers_in
 

@@ -14,7 +14,7 @@ from resting_aspects_interfaces.msg import PartDescription, RestingPoses, Status
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
-from resting_aspects_ros.ros.discovery import announce
+from resting_aspects_ros.ros.health import announce
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, LATCHED, POSES
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.statistics.distribution import count_poses

@@ -16,10 +16,9 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part
 from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.nodes.aspect_classifier.outlines import MAX_POINTS
-from resting_aspects_ros.ros.conversions import part_msg
-from resting_aspects_ros.ros.discovery import announce
+from resting_aspects_ros.ros.conversions import outlines_msg, part_msg, polygon_msgs
+from resting_aspects_ros.ros.health import announce
 from resting_aspects_ros.ros.interface import DROP_SIMULATOR, IDENTIFY_PART, LATCHED, OUTLINES
-from resting_aspects_ros.ros.outline_conversions import outlines_msg, polygon_msgs
 
 PART = 'l_bracket'
 SQUARE = np.array([[0, 0], [0.02, 0], [0.02, 0.02], [0, 0.02]])

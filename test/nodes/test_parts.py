@@ -19,7 +19,7 @@ def folder(few_parts):
 
 @pytest.fixture(scope='module')
 def suite(fresh_suite, folder):
-    quick = {'drop_simulator': {'nodes.drop_simulator.goals.SCAN_PERIOD': 0.2}}
+    quick = {'drop_simulator': {'nodes.drop_simulator.node.SCAN_PERIOD': 0.2}}
     return fresh_suite(quick, parts_folder=folder, workers=1)
 
 

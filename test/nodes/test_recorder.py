@@ -7,12 +7,10 @@ from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
 from rosbags.highlevel import AnyReader
 from wire import plain
 
-from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
-from resting_aspects_ros.nodes.drop_recorder.node import FolderLock
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.run_logs.recorder import RunRecorder
+from resting_aspects_ros.run_logs.recorder import RunRecorder, whole_log
 from resting_aspects_ros.simulation.job import RunDescription
 
 DROPS = 520
@@ -85,12 +83,12 @@ TOPIC = Topic('/resting_poses', POSES_TYPE, Qos(10))
 def record(surfaces, tmp_path):
     """Return a function that begins the log of a run, and records drops of it."""
 
-    def record(recorded, asked):
+    def record(recorded, asked, failed=print):
         numbers = {'seed': 1, 'first_drop': 0, 'precision': 0.0, 'time_step': 1e-3}
         texts = ('engine', 'engine_version', 'suite_version', 'part_sha256')
         named = {'run_id': '4f1c', 'part': 'nut', **numbers, **dict.fromkeys(texts, 'x')}
         run = RunDescription(**named, drops=asked, conditions=surfaces.get(''), started=10**18)
-        log = RunRecorder(tmp_path, run)
+        log = RunRecorder(tmp_path, run, failed=failed)
         if recorded:
             # A log has no times before the epoch, but a stamp can be before it.
             log.write_poses(TOPIC, bytes(100), 1, -5, 0, recorded)
@@ -100,50 +98,30 @@ def record(surfaces, tmp_path):
     return record
 
 
-@pytest.mark.parametrize(
-    ('recorded', 'asked', 'expected'),
-    [
-        (1, 1, 'all 1 drops of run 4f1c of nut are recorded, but the log has no end: log '),
-        (3999, 4000, 'only 3999 drops of run 4f1c of nut are recorded: log '),
-        (0, 4000, 'run 4f1c of nut is not recorded: log '),
-    ],
-)
-def test_problem_states_what_is_recorded_on_a_full_disk(record, recorded, asked, expected):
-    log = record(recorded, asked)
+def test_failure_on_a_full_disk_is_reported_once(record):
+    problems = []
+    log = record(3999, 4000, problems.append)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (2000, limits[1]))
     try:
-        log.write(TOPIC, bytes(100_000), 2, 2)
+        for _ in range(2):
+            log.write(TOPIC, bytes(100_000), 2, 2)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert log.error.endswith('cannot be written: File too large')
-    assert log.problem().startswith(expected)
+    assert not log.being_written
+    assert problems == [f'only 3999 drops of run 4f1c of nut are recorded: {log.error}']
 
 
-def test_only_an_incomplete_log_is_followed_by_another(record):
+def test_incomplete_logs_are_followed_by_a_whole_one(record, tmp_path):
     """As of recorders that were killed, and of one that was started after the run."""
     first, second = record(3, 10), record(4, 10)
     assert second.folder.name == f'{first.folder.name}_2'
-    assert second.close(whole=False) == second.folder
+    assert second.close(whole=False) is False
+    assert whole_log(tmp_path, second.run) is None
     third = record(10, 10)
     third.has_part = True
     assert third.folder.name == f'{first.folder.name}_3'
-    assert third.close(whole=True) == third.folder
+    assert third.close(whole=True) is True
     assert recorded_outcome(third.folder) == LogOutcome(10, whole=True)
-    after = record(10, 10)
-    assert (after.earlier, after.being_written, after.drops) == (third.folder, False, 10)
-
-
-def test_lock_moves_with_the_folder(tmp_path):
-    mine, other = FolderLock('/cell'), FolderLock('/cell')
-    mine.take(tmp_path / 'a')
-    other.take(tmp_path / 'b')
-    with pytest.raises(InvalidValueError, match=r'^invalid log_folder .*a.: expected a folder in'):
-        other.take(tmp_path / 'a')
-    with pytest.raises(InvalidValueError, match=r'b.: expected a folder in which no other'):
-        mine.take(tmp_path / 'b')  # what it had is kept
-    mine.take(tmp_path / 'c')
-    other.take(tmp_path / 'a')
-    FolderLock('/other_cell').take(tmp_path / 'a')
-    mine.release()
-    other.take(tmp_path / 'c')
+    assert whole_log(tmp_path, third.run) == third.folder

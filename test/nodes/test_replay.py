@@ -78,10 +78,10 @@ def test_names_are_relative_to_the_namespace_of_all_suites(recording, namespace,
     ('name', 'kind', 'why'),
     [
         ('/note', 'text', 'not in /cell, the namespace of the suite in the log'),
-        ('/cell/drop_part/_action/status', 'text', 'hidden, or not a valid ROS topic name'),
-        ('/cell/a b', 'text', 'hidden, or not a valid ROS topic name'),
+        ('/cell/drop_part/_action/status', 'text', 'hidden, as the topics of an action are'),
+        ('/cell/a b', 'text', 'not a valid ROS topic name'),
+        (f'/cell/{"x" * 250}', 'text', 'not a valid ROS topic name'),
         ('/cell/x', 'a/srv/X_Event', 'not ROS 2 messages (type a/srv/X_Event, encoding cdr)'),
-        ('/cell/x', '../msg/X', 'not ROS 2 messages (type ../msg/X, encoding cdr)'),
     ],
 )
 def test_topic_that_cannot_be_replayed_is_skipped_and_reported(recording, name, kind, why):
@@ -185,13 +185,13 @@ def test_pause_delays_the_following_messages(log):
     player.run(until=START + SECOND)
     count = len(player.times())
     before = player.replay.position
+    assert before.startswith('0.500 s of ')
     player.replay.pause()
     player.now += 100 * SECOND
     assert player.replay.play() is None
-    paused = player.replay.position
-    assert (paused.paused, paused.seconds, paused.messages) == (True, 0.5, before.messages)
+    assert (player.replay.paused, player.replay.position) == (True, before)
     player.replay.resume()
-    assert player.replay.position == before
+    assert (player.replay.paused, player.replay.position) == (False, before)
     player.run()
     later = [now - 100 * SECOND for now in player.times()[count:]]
     assert later == whole.times()[count:]
@@ -205,4 +205,4 @@ def test_loop_repeats_after_a_second(log):
     assert len(data) > 2 * once
     assert all(data[k] == data[k % once] for k in range(len(data)))
     assert player.times(PART)[1] - player.times()[COUNT - 1] == PAUSE_BEFORE
-    assert player.replay.position.round == len(data) // once + 1
+    assert player.replay.round == len(data) // once + 1

@@ -48,10 +48,11 @@ def make_report():
             other = DropCounts(own.counts // 2 + 3)
             found = compare(own, other, np.random.default_rng(1))
             ids = tuple(range(1, len(own.counts) + 1))
+            names = tuple(map(str, ids))
             labels = ('simulated', 'by hand')
             more['measured'] = (
                 found,
-                ComparedResults(ids, None, own, other, 'class', labels=labels),
+                ComparedResults(ids, names, own, other, 'class', labels=labels),
             )
         looks = np.array([10, 30, 100, 300, distribution.drops])
         more.setdefault('history', (looks, np.outer(looks, counts) // distribution.drops))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report import picture
-from resting_aspects_ros.report.picture import PITCH, ROW, aspect_poses, message_faces
+from resting_aspects_ros.report.picture import PITCH, ROW, aspect_poses, message_part
 
 
 def in_tray(standing, points):
@@ -62,12 +62,10 @@ def test_simplified_mesh_still_touches_the_surface(solid, monkeypatch):
         mesh = mesh.subdivide()
     part = solid(mesh)
     aspects = find_aspects(part).aspects
-    faces = message_faces(part, aspects)
-    assert 100 < len(faces) <= 500
-    for each in aspect_poses(part, aspects):
-        corners = in_tray(each, part.vertices[np.unique(faces)])
+    shown = message_part(part, len(aspects))
+    assert 100 < len(shown.faces) <= 500
+    for each in aspect_poses(shown, aspects):
+        corners = in_tray(each, shown.vertices)
         assert abs(corners[:, 2].min()) < 1e-9 * part.hull_radius
-        assert corners[:, 2].max() == pytest.approx(each.top, rel=0.01)
-        on_surface = corners[corners[:, 2] < 1e-9][:, :2]
-        whole = in_tray(each, part.vertices)[:, :2]
-        np.testing.assert_allclose(np.ptp(on_surface, axis=0), np.ptp(whole, axis=0), rtol=0.05)
+        whole = in_tray(each, part.vertices)
+        np.testing.assert_allclose(np.ptp(corners, axis=0), np.ptp(whole, axis=0), rtol=0.1)

@@ -1,11 +1,10 @@
-"""Tables, document and picture of a drift test."""
+"""Tables of a drift test."""
 
 import re
 
 import numpy as np
-import pytest
 
-from resting_aspects_ros.report.drift import MAX_CLASSES, MAX_ROWS, drift_figure, window_table
+from resting_aspects_ros.report.drift import MAX_ROWS, window_table
 from resting_aspects_ros.statistics.counted_parts import ObservedCounts
 from resting_aspects_ros.statistics.drift import find_drift
 
@@ -27,11 +26,3 @@ def test_long_table_has_the_last_windows_and_all_alarms(lines):
     assert re.search('301 to 400 +< 0.0001 ', text)
     assert '201 to 300' not in text
     assert len(re.findall('^ *[0-9]+ to [0-9]+ ', text, re.MULTILINE)) == MAX_ROWS + 1
-
-
-@pytest.mark.parametrize('classes', [2, MAX_CLASSES + 3])
-def test_figure_has_axes_for_the_common_classes(classes):
-    rows = [[50] * classes] * 3 + [[150] + [50] * (classes - 1)]
-    figure = drift_figure(drift_of(rows))
-    assert len(figure.axes) == min(classes, MAX_CLASSES)
-    assert figure.axes[0].get_ylabel() == 'class 1'

@@ -15,7 +15,7 @@ THIRD = Interval(1 / 3, 0.25, 0.421)
 @pytest.fixture
 def table():
     headings = ('aspects', 'rests on', 'proba-\nbility', '95 %\ninterval', 'barrier\n(mm)', 'n')
-    made = Table('nut: 3 drops?', headings, texts={'rests on': None})
+    made = Table('nut: 3 drops?', headings, texts={'rests on'})
     made.add_row('1 to 6', '12 mm', probability_text(THIRD), interval_text(THIRD), '1.5', '30')
     made.add_row('7', '-', '-', '', '', '0')
     return made

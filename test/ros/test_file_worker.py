@@ -18,7 +18,7 @@ from rclpy.node import Node
 from ros_processes import FORKSERVER
 
 from resting_aspects_ros.errors import UnknownPartError
-from resting_aspects_ros.nodes.drop_simulator.goals import load
+from resting_aspects_ros.nodes.drop_simulator.node import load
 from resting_aspects_ros.ros import file_worker
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 

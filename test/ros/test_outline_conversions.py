@@ -13,7 +13,7 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.report.outlines import outlines_document
-from resting_aspects_ros.ros.outline_conversions import (
+from resting_aspects_ros.ros.conversions import (
     candidate_msg,
     outlines_msg,
     polygon_from,

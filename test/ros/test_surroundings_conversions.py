@@ -211,20 +211,12 @@ def test_contacts_round_trip(with_contacts, surfaces):
             np.testing.assert_array_equal(one_value, other_value)
 
 
-@pytest.mark.parametrize(
-    ('change', 'expected'),
-    [
-        (lambda each: setattr(each, 'contacts', [99, 0]), 'expected a code from -3 to'),
-        (lambda each: setattr(each, 'planes', ['belt']), 'expected a code from -3 to'),
-        (lambda each: setattr(each, 'count', 7), 'expected 13 drops at rest; they have 15'),
-        (lambda each: setattr(each.orientation, 'w', 7.0), 'expected a unit quaternion'),
-    ],
-)
-def test_inconsistent_contacts_are_rejected(with_contacts, surfaces, change, expected):
+@pytest.mark.parametrize('contacts', [[99, 0], [1]])
+def test_inconsistent_contacts_are_rejected(with_contacts, surfaces, contacts):
     run = run_in(ra.surroundings('l_chute'), surfaces)
     message = distribution_msg(with_contacts, run, conversions.time_msg(0), complete=True)
-    change(message.contacts[0])
-    with pytest.raises(InvalidValueError, match=expected):
+    message.contacts[0].contacts = contacts
+    with pytest.raises(InvalidValueError, match='expected a code from -3 to'):
         distribution_from(message)
 
 

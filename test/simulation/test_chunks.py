@@ -1,4 +1,4 @@
-"""Chunks: bounds, order, number of pending chunks, and workers that die."""
+"""Chunks: bounds, order, number of pending chunks, and chunks that fail."""
 
 import dataclasses
 import re
@@ -12,7 +12,6 @@ from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.simulation.conditions import KERNEL, MAX_SEED
 from resting_aspects_ros.simulation.job import CHUNKS, plan_run
 from resting_aspects_ros.simulation.workers import (
-    MAX_DEATHS,
     WorkerDiedError,
     chunk_bounds,
     drop_chunks,
@@ -89,7 +88,7 @@ def test_chunks_cover_a_range_and_end_only_at_multiples_and_cuts(planned, first,
 def test_chunks_end_where_a_precision_is_tested(planned):
     job, asked = planned
     precise = dataclasses.replace(asked, precision=0.02, first_drop=0)
-    steps = drop_chunks(job, precise, Mortal(), pytest.fail)
+    steps = drop_chunks(job, precise, Mortal())
     ends = [step.stop for step in steps if isinstance(step, range)]
     assert ends == sorted({*checkpoints(3 * CHUNK), CHUNK, 2 * CHUNK, 3 * CHUNK})
     assert ends[0] == 250
@@ -115,43 +114,30 @@ def test_all_chunks_are_made_when_workers_are_lost(planned):
 
 def test_stopping_early_cancels_chunks_not_started(planned):
     workers = Recorder(lambda: 3)
-    steps = drop_chunks(*planned, workers, pytest.fail)
+    steps = drop_chunks(*planned, workers)
     assert next(steps) is workers.futures[0]
     workers.futures[1].set_running_or_notify_cancel()
     steps.close()
     assert [future.cancelled() for future in workers.futures] == [False, False, True]
 
 
-DEATH = WorkerDiedError('a worker process died')
 NEAR = f'near drop {CHUNK} of tetrahedron'
 
 
-def made(steps):
-    """The first drops of the chunks that are made."""
-    return [step.start for step in steps if isinstance(step, range)]
-
-
-def test_chunks_of_dead_workers_are_repeated(planned):
-    deaths = [DEATH] * (MAX_DEATHS - 1)
-    workers, warnings = Mortal(None, *deaths, None, *deaths), []
-    firsts = made(drop_chunks(*planned, workers, warnings.append))
-    assert firsts == [10, CHUNK, 2 * CHUNK, 3 * CHUNK]
-    assert workers.asked == sorted([*firsts, *2 * [CHUNK, 2 * CHUNK]])
-    assert warnings[:2] == [f'a worker died {NEAR}: its drops are repeated'] * 2
-    assert len(warnings) == 4
-
-
 @pytest.mark.parametrize(
-    ('ends', 'error'),
+    ('end', 'error'),
     [
-        ([DEATH] * MAX_DEATHS, f'{MAX_DEATHS} worker processes died in a row {NEAR}'),
-        ([KeyError('hull')], f"a worker failed {NEAR}: KeyError('hull')"),
-        ([EngineError('Bullet has no room')], 'Bullet has no room'),
-        ([CancelledError()], f'the workers became unavailable {NEAR}'),
+        (
+            WorkerDiedError('3 worker processes died in a row'),
+            f'3 worker processes died in a row {NEAR}',
+        ),
+        (KeyError('hull'), f"a worker failed {NEAR}: KeyError('hull')"),
+        (EngineError('Bullet has no room'), 'Bullet has no room'),
+        (CancelledError(), f'the workers became unavailable {NEAR}'),
     ],
 )
-def test_chunks_that_fail_are_an_error(planned, ends, error):
-    workers = Mortal(None, *ends)
+def test_chunks_that_fail_are_an_error(planned, end, error):
+    workers = Mortal(None, end)
     with pytest.raises(EngineError, match=f'^{re.escape(error)}$'):
-        made(drop_chunks(*planned, workers, lambda _: None))
-    assert workers.asked == [10, *[CHUNK] * len(ends)]
+        list(drop_chunks(*planned, workers))
+    assert workers.asked == [10, CHUNK]

@@ -37,7 +37,7 @@ def workers(cluster):
 
 
 def chunks_of(job, asked, workers):
-    steps = chunks.drop_chunks(job, asked, workers, pytest.fail)
+    steps = chunks.drop_chunks(job, asked, workers)
     return [step for step in steps if not isinstance(step, Future)]
 
 
@@ -73,7 +73,7 @@ def test_worker_with_other_versions_is_rejected(planned, workers, monkeypatch):
 def test_lost_cluster_is_an_error(make_cluster, planned, monkeypatch):
     with make_cluster(1) as cluster:
         workers = ClusterWorkers(cluster.scheduler_address)
-        steps = chunks.drop_chunks(*planned, workers, pytest.fail)
+        steps = chunks.drop_chunks(*planned, workers)
         next(steps)
     try:
         with pytest.raises(EngineError, match='became unavailable near drop'):

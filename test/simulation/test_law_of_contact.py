@@ -13,7 +13,7 @@ from resting_aspects_ros.rotations import random_orientations
 from resting_aspects_ros.simulation import kernel, kernel_data
 from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
-from resting_aspects_ros.simulation.release import depth_of
+from resting_aspects_ros.simulation.scene import depth_of
 
 # The kernel as Python, in which a single impact needs no compilation.
 SPEC = importlib.util.find_spec(kernel.__name__)

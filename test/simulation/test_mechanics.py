@@ -8,7 +8,6 @@ import dataclasses
 import math
 
 import numpy as np
-import pybullet
 import pytest
 import trimesh
 from placed_bodies import Placed
@@ -22,7 +21,8 @@ from resting_aspects_ros.simulation.bullet_engine import EdgeWorld, WallWorld
 from resting_aspects_ros.simulation.bullet_world import World
 from resting_aspects_ros.simulation.conditions import BULLET
 from resting_aspects_ros.simulation.job import STEPS_PER_T, make_job
-from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState, depth_of
+from resting_aspects_ros.simulation.release import REST_MARGIN, InitialState
+from resting_aspects_ros.simulation.scene import depth_of
 from resting_aspects_ros.simulation.starts import rest_starts
 
 # -- The kernel -----------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ class Flight:
     def step(self, time=0.0):
         """Simulate for a time; returns the state."""
         for _ in range(round(time * self.job.steps_per_t)):
-            pybullet.stepSimulation(physicsClientId=self.world._client)
+            self.world._bullet.stepSimulation()
         return self.world._states(self.body, np.zeros(1, dtype=int))
 
 
@@ -222,7 +222,7 @@ def test_impact_in_the_first_step_has_the_inertia_of_the_part(part, mat, where):
         rows = (position, turn.as_quat(), velocity, spin)
         start = InitialState(*(row[None] for row in rows), elapsed=np.zeros(1))
         (body,) = world._add(start)
-        pybullet.stepSimulation(physicsClientId=world._client)
+        world._bullet.stepSimulation()
         found = world._states([body], np.array([0]))
 
         arm = np.cross(corner, normal)

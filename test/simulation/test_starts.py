@@ -104,7 +104,8 @@ def test_parts_at_rest_start_on_the_surface(box, aspects, mat):
 
 
 def test_kick_has_the_stated_means_and_deviations(box, aspects, mat, assert_deviations):
-    assert Kick(speed=0.5) == Kick(speed=0.5, speed_spread=0.1, horizontal_spread=0.05)
+    derived = Kick(speed=0.5, speed_spread=0.1, horizontal_spread=0.05)
+    assert Kick(speed=0.5) == Kick(speed='500mm/s') == derived
     kick = Kick(speed=0.5, speed_spread=0.05, horizontal_spread=0.02, spin=8.0)
     states = rest_starts(box, aspects, kick, mat).states(MANY, generator())
     assert_deviations(states.velocity, [0, 0, 0.5], [0.02, 0.02, 0.05])

@@ -4,7 +4,6 @@ import dataclasses
 import math
 
 import numpy as np
-import pybullet
 import pytest
 import trimesh
 from scipy.integrate import solve_ivp
@@ -19,9 +18,8 @@ from resting_aspects_ros.simulation.job import EDGE_CHECKS_PER_T, STEPS_PER_T, m
 from resting_aspects_ros.simulation.release import (
     REST_MARGIN,
     InitialState,
-    depth_of,
-    initial_states,
 )
+from resting_aspects_ros.simulation.scene import depth_of
 from resting_aspects_ros.simulation.starts import rest_starts
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
@@ -102,7 +100,7 @@ def simulated_plate(job, overhang, belt):
         now = world._states([body], np.zeros(1, dtype=int))
         along = rotate(now.orientation, np.array([1.0, 0, 0]))[0]
         angle = math.atan2(-along[2], along[0])
-        contacts = pybullet.getContactPoints(body, physicsClientId=world._client)
+        contacts = world._bullet.getContactPoints(body)
         friction = sum(c[10] * np.array(c[11]) + c[12] * np.array(c[13]) for c in contacts)
         normal = sum(c[9] for c in contacts)
         rows.append((angle, now.spin[0, 1], normal, np.linalg.norm(friction)))
@@ -239,22 +237,8 @@ def test_energy_decides_only_far_from_the_wall(part, mat):
         ({'lower_speed': 101}, 'invalid lower_speed 101: expected -100 to 100 m/s'),
         ({'edge_radius': 0.03}, 'invalid edge radius 0.03: expected at most the step height'),
         ({'belt_speed': 0.001}, 'invalid belt speed 0.001 m/s: expected at'),
-        ({'restitution_factor': 2.0}, 'invalid restitution 1.28 of the upper belt'),
     ],
 )
 def test_step_out_of_bounds_of_a_part_or_surface_is_refused(part, mat, values, says):
     with pytest.raises(InvalidValueError, match=says):
         step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, **values))
-
-
-def test_factors_of_the_upper_belt_change_its_friction_only(part, mat):
-    job = step_job(part('box_10x20x30'), mat, dataclasses.replace(LOW, friction_factor=0.5))
-    world = EdgeWorld(job, ALONG, STEPS_PER_T)
-    found = [
-        pybullet.getDynamicsInfo(body, -1, physicsClientId=world._client)[1]
-        for body in (world._bodies[0][0], world._belt, *world._rollers)
-    ]
-    assert found == [mat.friction, 0.5 * mat.friction, 0.5 * mat.friction]
-    assert initial_states(job, 0, GROUP).velocity[:, 0] == pytest.approx(
-        0.2 * job.time_unit / job.radius
-    )

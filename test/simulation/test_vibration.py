@@ -21,13 +21,14 @@ from resting_aspects_ros.simulation.actions import (
     Actions,
     Vibration,
 )
-from resting_aspects_ros.simulation.conditions import BULLET, KERNEL, actions_file
+from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.release import initial_states
 from resting_aspects_ros.simulation.starts import Action, rest_starts
 from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import aspect_ids
 from resting_aspects_ros.statistics.poses import RestStatus
+from resting_aspects_ros.system import config_folder
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3
@@ -299,7 +300,7 @@ def test_lost_parts_left_the_plate(part, mat, engine, n):
 @pytest.mark.parametrize(
     ('changes', 'expected'),
     [
-        ({'duration': '200ms'}, "invalid duration '200ms': expected a plain number in s, "),
+        ({'duration': '20mm'}, "invalid duration '20mm': expected a number, in s or with one of "),
         ({'duration': 0.39}, 'invalid duration 0.39: expected at least 0.4 s, two ramps of 5'),
         ({'rocking_x': 5e-6, 'rocking_y': 0}, 'invalid rocking 5e-06: expected rocking_x or'),
         (
@@ -328,7 +329,7 @@ def test_too_long_or_too_fast_vibration_of_a_part_is_rejected(part, mat):
 
 
 def test_shipped_vibrations_fit_the_example_parts(part, mat):
-    known = Actions(actions_file())
+    known = Actions(config_folder() / 'actions.yaml')
     shipped = [known.get(name) for name in known.names()]
     vibrations = [each for each in shipped if isinstance(each.action, Vibration)]
     assert len(vibrations) >= 2

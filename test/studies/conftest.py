@@ -4,14 +4,14 @@ from concurrent.futures import Future
 
 import pytest
 
-from resting_aspects_ros.simulation.workers import WorkerDiedError, drop_range
+from resting_aspects_ros.simulation.workers import drop_range
 
 
 class Here:
-    """Workers that simulate in this process; the listed submissions die or fail."""
+    """Workers that simulate in this process; the listed submissions fail."""
 
-    def __init__(self, dying=(), failing=(), lookahead=3):
-        self.dying, self.failing, self.submitted = dying, failing, []
+    def __init__(self, failing=(), lookahead=3):
+        self.failing, self.submitted = failing, []
         self._lookahead = lookahead
 
     def lookahead(self):
@@ -21,9 +21,7 @@ class Here:
         future = Future()
         number = len(self.submitted)
         self.submitted.append((job, first, end))
-        if number in self.dying:
-            future.set_exception(WorkerDiedError('a worker process died'))
-        elif number in self.failing:
+        if number in self.failing:
             future.set_exception(ValueError('broken'))
         else:
             future.set_result(drop_range(job, first, end))

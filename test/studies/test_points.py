@@ -76,14 +76,6 @@ def test_seed_follows_from_the_point(part):
     assert seeds[0] == point_seed(1, part, Setting(MAT.changed(friction=MAT.friction)))
 
 
-def test_chunk_of_a_dead_worker_is_repeated(part, counted, here):
-    workers = here(dying=(1, 4), lookahead=1)
-    with pytest.warns(ra.RestingAspectsWarning, match='a worker died'):
-        again = drop_points(part, POINTS, 630, workers)
-    assert np.array_equal(again, counted)
-    assert len(workers.submitted) == 8
-
-
 def test_every_part_that_is_dropped_and_moved_is_counted_once(box):
     seen = []
     found = box.dropped_and_acted(TAP, 150, 1, Monitor(seen.append))

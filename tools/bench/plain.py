@@ -5,13 +5,14 @@ is reused for all drops, because creating one takes longer than a drop.
 """
 
 from operator import mul
+from typing import Any
 
 import numpy as np
 from validation.trial import down_at_rest, released
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.simulation import bullet_world
-from resting_aspects_ros.simulation.bullet_world import empty_client, pybullet
+from resting_aspects_ros.simulation.bullet_world import empty_client
 from resting_aspects_ros.simulation.job import DropJob
 from resting_aspects_ros.simulation.release import TIME_LIMIT
 from resting_aspects_ros.simulation.settling import REST_MOTION, REST_WINDOW
@@ -35,14 +36,12 @@ def plain_loop(job: DropJob, first: int, drops: int) -> Array:
     window, most = (round(span * job.steps_per_t) for span in (REST_WINDOW, TIME_LIMIT))
     ends: list[list[float]] = []
     for position, orientation, velocity, spin in rows:
-        pybullet.resetBasePositionAndOrientation(
-            body, position, orientation, physicsClientId=client
-        )
-        pybullet.resetBaseVelocity(body, velocity, spin, physicsClientId=client)
+        client.resetBasePositionAndOrientation(body, position, orientation)
+        client.resetBaseVelocity(body, velocity, spin)
         before, since = [*position, *orientation], 0
         for k in range(most):
-            pybullet.stepSimulation(physicsClientId=client)
-            at, turned = pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
+            client.stepSimulation()
+            at, turned = client.getBasePositionAndOrientation(body)
             # A quaternion and its negative are the same orientation.
             sign = 1 if sum(map(mul, turned, before[3:])) > 0 else -1
             now = [*at, *(sign * q for q in turned)]
@@ -54,11 +53,11 @@ def plain_loop(job: DropJob, first: int, drops: int) -> Array:
     return down_at_rest(job, np.array(ends).reshape(-1, 7)[:, 3:])
 
 
-def _body(job: DropJob, client: int) -> int:
+def _body(job: DropJob, client: Any) -> int:
     """Return the body of the part, in a world with the plane."""
     step = 1 / job.steps_per_t
-    pybullet.setGravity(*job.scene.down.tolist(), physicsClientId=client)
-    pybullet.setPhysicsEngineParameter(
+    client.setGravity(*job.scene.down.tolist())
+    client.setPhysicsEngineParameter(
         fixedTimeStep=step,
         numSubSteps=0,
         numSolverIterations=bullet_world.MAX_SOLVER_ITERATIONS,
@@ -66,23 +65,16 @@ def _body(job: DropJob, client: int) -> int:
         restitutionVelocityThreshold=bullet_world.RESTITUTION_THRESHOLD,
         erp=step / bullet_world.PENETRATION_TIME,
         contactERP=step / bullet_world.PENETRATION_TIME,
-        physicsClientId=client,
     )
-    shape = pybullet.createCollisionShape(
-        pybullet.GEOM_PLANE, planeNormal=(0, 0, 1), physicsClientId=client
-    )
+    shape = client.createCollisionShape(client.GEOM_PLANE, planeNormal=(0, 0, 1))
     # With maximal coordinates of both bodies, a step takes a tenth less time.
-    plane = pybullet.createMultiBody(0, shape, useMaximalCoordinates=1, physicsClientId=client)
+    plane = client.createMultiBody(0, shape, useMaximalCoordinates=1)
     c = job.conditions
     # Bullet multiplies the values of two bodies.
-    pybullet.changeDynamics(
-        plane, -1, restitution=c.restitution, lateralFriction=c.friction, physicsClientId=client
-    )
-    hull = pybullet.createCollisionShape(
-        pybullet.GEOM_MESH, vertices=job.hull.tolist(), physicsClientId=client
-    )
-    body: int = pybullet.createMultiBody(1, hull, useMaximalCoordinates=1, physicsClientId=client)
-    pybullet.changeDynamics(
+    client.changeDynamics(plane, -1, restitution=c.restitution, lateralFriction=c.friction)
+    hull = client.createCollisionShape(client.GEOM_MESH, vertices=job.hull.tolist())
+    body: int = client.createMultiBody(1, hull, useMaximalCoordinates=1)
+    client.changeDynamics(
         body,
         -1,
         mass=1,
@@ -94,7 +86,6 @@ def _body(job: DropJob, client: int) -> int:
         linearDamping=0,
         angularDamping=0,
         contactProcessingThreshold=0,
-        activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-        physicsClientId=client,
+        activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
     )
     return body

@@ -22,7 +22,6 @@ from resting_aspects_ros.feeding.grasps import check_grasps
 from resting_aspects_ros.simulation.actions import Actions
 from resting_aspects_ros.simulation.conditions import Surfaces
 from resting_aspects_ros.simulation.surroundings import named_surroundings
-from resting_aspects_ros.statistics.transitions import no_actions
 from resting_aspects_ros.studies.calibration.counts_file import read_surface_counts
 from resting_aspects_ros.studies.points import PointStore
 from resting_aspects_ros.studies.study import read_spec
@@ -50,7 +49,7 @@ def made_kinds(folder: Path) -> dict[str, Kind]:
     for name in ('parts/l_bracket.stl', 'surroundings/pocket.stl'):
         shutil.copy(CONFIG / name, folder)
     part = ra.load_part('tetrahedron')
-    return {**yaml_kinds(), **result_kinds(part, folder), **csv_kinds(part), **mesh_kinds()}
+    return {**yaml_kinds(), **result_kinds(part, folder), **csv_kinds(), **mesh_kinds()}
 
 
 def yaml_kinds() -> dict[str, Kind]:
@@ -133,10 +132,6 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
     result = ra.drop(part, drops=20, seed=1, log=folder / 'logs', workers=1)
     (log,) = (folder / 'logs').rglob('*.mcap')
     slope = ra.drop(part, drops=10, surroundings='slope', workers=1)
-    counted = {'schema_version': 2, 'part': '', 'part_sha256': '', 'drops': 9} | dict.fromkeys(
-        ('unclassified', 'unsettled', 'failed'), 1
-    )
-    counted['aspects'] = [{'id': 1, 'count': 6, 'down_in_part': [0, 0, -1], 'rolls': False}]
     store = folder / 'seed.jsonl'
     points = PointStore(store, {'numpy': '2'})
     points.add('a', 10, np.array([[4, 6]]))
@@ -153,7 +148,7 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
             lambda path: document_result(path, None, None, None, None),
             (result.to_json().encode(), slope.to_json().encode()),
         ),
-        'counted': Kind('counted.json', read_counts, (result.to_json().encode(), _json(counted))),
+        'counted': Kind('counted.json', read_counts, (result.to_json().encode(),)),
         'polygon': Kind(
             'polygon.json', read_polygon, (_json(shape), _json({**shape, 'holes': holes}))
         ),
@@ -162,12 +157,14 @@ def result_kinds(part: ra.Part, folder: Path) -> dict[str, Kind]:
     }
 
 
-def csv_kinds(part: ra.Part) -> dict[str, Kind]:
+def csv_kinds() -> dict[str, Kind]:
     """Return the kinds of CSV files."""
-    aspects = ra.find_aspects(part)
     poses = 'drop,status,qx,qy,qz,qw\n0,SETTLED,0,0,0,1\n1,FAILED,,,,\n2,settled,0.6,0,0.8,0\n'
     states = 'z_com_m,qx,qy,qz,qw,x_m,vx,wz\n0.1,0,0,0,1,0,0.5,3\n0.2,0,0.6,0,-0.8,1e-2,0,-1\n'
-    seen = ('class,count,batch\n1,5,a\n2,7,a\n1,4,b\n', 'time;1;2+3\n10:00;4;6\n10:01;5;7\n')
+    seen = (
+        'class,count,batch\n1,5,a\n2,7,a\n1,4,b\n',
+        'time;class;count\n10:00;1;4\n10:00;2+3;6\n10:01;1;5\n',
+    )
     return {
         'counts': Kind(
             'counts.csv',
@@ -176,21 +173,11 @@ def csv_kinds(part: ra.Part) -> dict[str, Kind]:
         ),
         'observed': Kind(
             'observed.csv',
-            lambda path: read_observed(path, [1, 2, 3], cumulative=False),
+            lambda path: read_observed(path, [1, 2, 3]),
             tuple(text.encode() for text in (*seen, 'class\n1\n2\n1\n')),
-        ),
-        'cumulative': Kind(
-            'totals.csv',
-            lambda path: read_observed(path, [1, 2, 3], cumulative=True),
-            (seen[1].encode(),),
         ),
         'poses': Kind('poses.csv', lambda path: read_pose_csv(path, 1), (poses.encode(),)),
         'states': Kind('states.csv', read_state_csv, (states.encode(),)),
-        'transitions': Kind(
-            'transitions.csv',
-            lambda path: ra.machine_transitions(path, no_actions(aspects)),
-            (b'from,to,count\n1,1,5\n',),
-        ),
     }
 
 

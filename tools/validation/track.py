@@ -165,19 +165,19 @@ def _design_line(name: str, want: int, text: str) -> str:
     design_traps(dropped.passage)
     seconds = time.process_time() - start
     found = ra.design_track(part, want, described, simulate=1)
-    if not found.designs:
+    if found.design is None or not found.design.designs:
         return f'| {name}, {text} | {len(dropped.rows)} | {seconds:.2f} | none | | | | |'
-    best = found.best
     # Other parts than those that measured the bands.
-    again = ra.track(part, best.passage.track, want, simulate=DESIGN_PARTS, seed=SEED + 1)
+    again = ra.track(part, found.passage.track, want, simulate=DESIGN_PARTS, seed=SEED + 1)
     runs = again.runs
     assert runs is not None
-    mask = np.array([row.id in best.alike for row in again.rows])
+    mask = np.array([row.id in found.alike for row in again.rows])
+    margin = 1e3 * found.design.designs[0].margin
     cells = [
         f'{int(runs.passed[each].sum())} of {int(each.sum()) * runs.parts}'
         for each in (mask, ~mask)
     ]
     return (
-        f'| {name}, {text} | {len(again.rows)} | {seconds:.2f} | {"; ".join(best.trap_names)} '
-        f'| {1e3 * (best.margin or 0):.2f} | {cells[0]} | {cells[1]} | {int(runs.jams.sum())} |'
+        f'| {name}, {text} | {len(again.rows)} | {seconds:.2f} | {"; ".join(found.trap_names)} '
+        f'| {margin:.2f} | {cells[0]} | {cells[1]} | {int(runs.jams.sum())} |'
     )

@@ -4,12 +4,8 @@ from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.rotations import down_in_part
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.job import DropJob
-from resting_aspects_ros.simulation.release import (
-    InitialState,
-    depth_of,
-    initial_states,
-    part_from_body,
-)
+from resting_aspects_ros.simulation.release import InitialState, initial_states, part_from_body
+from resting_aspects_ros.simulation.scene import depth_of
 
 
 def released(job: DropJob, first: int, drops: int) -> InitialState:

@@ -1,7 +1,7 @@
 """The subcommands, one module each.
 
-Each module has DESCRIPTION, EXAMPLES, `add_arguments` and `run`. Slow imports are in `run`. Read
-`aspects.py` first, the shortest.
+Each module has DESCRIPTION, EXAMPLES, `add_arguments`, and `run`, which returns the exit code, or
+None for 0. Read `aspects.py` first.
 """
 
 ROS = 'ROS 2: nodes and their logs'

@@ -3,12 +3,12 @@
 import argparse
 
 from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import add_output, add_part, requested_part
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.errors import warn
 from resting_aspects_ros.report.document import aspects_document, to_json
-from resting_aspects_ros.report.drops import aspect_table, merged_text, symmetry_text
+from resting_aspects_ros.report.drops import aspect_table, symmetry_text
 from resting_aspects_ros.report.format import size_text
 
 DESCRIPTION = """Show the aspects in which a part can rest, and which of them look the same
@@ -24,13 +24,13 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_part(parser)
-    add_output(parser)
+    options.add_part(parser)
+    options.add_output(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Find and show the aspects; returns the exit code. Raises RestingAspectsError."""
-    part = requested_part(arguments)
+def run(arguments: argparse.Namespace) -> None:
+    """Find and show the aspects. Raises RestingAspectsError."""
+    part = options.requested_part(arguments)
     for warning in part.warnings:
         warn(warning)
     aspects = find_aspects(part)
@@ -42,13 +42,11 @@ def run(arguments: argparse.Namespace) -> int:
         show_table(aspect_table(aspects, part, title, each=arguments.each))
         symmetry = aspects.symmetry
         show_texts(
-            merged_text(aspects),
             '' if symmetry is None else f'Symmetry: {symmetry_text(symmetry)}.',
             'For pictures, run resting_aspects drop with --report.',
         )
 
     show_result(arguments, lambda: to_json(aspects_document(part, aspects)), show)
-    return DONE
 
 
 def _number(number: int, word: str) -> str:

@@ -1,19 +1,10 @@
 """`resting_aspects calibrate`: from counts by hand to a surface."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from resting_aspects_ros.cli.life_cycle import (
-    DONE,
-    INTERRUPTED,
-    finish,
-    result_folder,
-    save_text,
-    say,
-    session,
-)
-from resting_aspects_ros.cli.options import add_integer, add_out, add_seed, add_workers
+from resting_aspects_ros.cli import life_cycle, options
+from resting_aspects_ros.studies.calibration.calibrate import calibrate
 
 DESCRIPTION = """Find the restitution and the friction of a surface from parts that were
 counted on it by hand: the conditions that fit, their uncertainty, and what the
@@ -34,45 +25,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='counts file (YAML): parts with their counts on one surface, and what is known of '
         'the release; see docs/reference/files.md',
     )
-    add_integer(
+    options.add_integer(
         parser,
         '--points',
         'number of conditions at which the parts are first dropped in the simulation (32 for '
         'each fitted condition); as many follow where the counts are probable',
     )
-    add_integer(
+    options.add_integer(
         parser,
         '--drops',
         'number of drops of each part at each point (as many as were counted, but 100 to 300)',
     )
-    add_seed(parser, 'result')
+    options.add_seed(parser, 'result')
     parser.add_argument(
         '--no-discrepancy',
         action='store_true',
         help='the counts are simulated, so that only sampling makes them deviate',
     )
-    add_out(
+    options.add_out(
         parser,
         'write calibration.json, surface.yaml (an entry for a surfaces file) and '
         'calibration.png into this folder',
     )
     parser.add_argument('--json', action='store_true', help='print one JSON document instead')
-    add_workers(parser)
+    options.add_workers(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate; returns the exit code. Raises RestingAspectsError for wrong input."""
-    from resting_aspects_ros.studies.calibration.calibrate import calibrate
-
-    folder = result_folder(arguments, '', (DOCUMENT, ENTRY, PICTURE))
-    with session(arguments) as started:
+    folder = life_cycle.result_folder(arguments, '', (DOCUMENT, ENTRY, PICTURE))
+    with life_cycle.session(arguments) as started:
         result = calibrate(
             arguments.counts,
             points=arguments.points,
             drops=arguments.drops,
             discrepancy=not arguments.no_discrepancy,
             seed=arguments.seed,
-            **started.options,
+            **started,
         )
 
         def show() -> None:
@@ -80,13 +69,11 @@ def run(arguments: argparse.Namespace) -> int:
             print(f'\n{result.surface_entry(uncertainty=False)}', end='')
 
         def save_entry(path: Path) -> None:
-            save_text(path, result.surface_entry())
+            life_cycle.save_text(path, result.surface_entry())
 
         files = {ENTRY: save_entry, PICTURE: result.save_picture}
-        finish(arguments, folder, (DOCUMENT, result.to_json), files, show)
+        life_cycle.finish(arguments, folder, (DOCUMENT, result.to_json), files, show)
         if folder is not None:
             use = f'--surfaces {folder / ENTRY} --surface {result.surface}'
-            say(arguments, f'To use it: {use}')
-        if started.stop.asked:
-            print(f'interrupted; {result.surface} has fewer points', file=sys.stderr)
-        return INTERRUPTED if started.stop.asked else DONE
+            life_cycle.say(arguments, f'To use it: {use}')
+        return life_cycle.exit_code('fewer points', started)

@@ -3,37 +3,24 @@
 import argparse
 from pathlib import Path
 
-from resting_aspects_ros.api.classify import ClassificationResult, PartClassification, classify
-from resting_aspects_ros.api.conditions import requested_surroundings
-from resting_aspects_ros.aspects.clusters import DEFAULT_TOLERANCE_DEGREES
+from resting_aspects_ros.api.classify import classify
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import (
-    add_output,
-    add_part_place,
-    add_surroundings,
-    refuse,
-    requested_part,
-)
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.errors import one_line
-from resting_aspects_ros.input_files import parse_quantity
-from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import (
     agreement_line,
     agreement_table,
     cluster_table,
-    differences_table,
 )
 
 DESCRIPTION = """Sort resting poses into clusters by their orientations alone: two poses are
 the same if they differ by a turn about the vertical. With --part, also sort
-them by the aspects that follow from its shape, and list the poses for which
-cluster and aspect do not correspond."""
+them by the aspects that follow from its shape; --json lists the poses for
+which cluster and aspect do not correspond."""
 EXAMPLES = """examples:
   resting_aspects classify poses.csv
   resting_aspects classify poses.csv --part l_bracket
-  resting_aspects classify poses.csv --part l_bracket --surroundings l_chute
-  resting_aspects classify poses.csv --part my_part.stl --json > o.json
 """
 
 
@@ -48,54 +35,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'column status, only rows with SETTLED are sorted',
     )
     parser.add_argument('--part', metavar='PART_OR_MESH', help='name of a part, or a mesh file')
-    add_part_place(parser)
-    add_surroundings(parser)
-    parser.add_argument(
+    options.add_part_place(parser)
+    options.add_number(
+        parser,
         '--tolerance',
-        metavar='DEG',
-        help='poses whose down directions are at most this apart belong to one cluster, and so '
-        'do chains of such poses (5): 1 to 30 degrees',
+        '',
+        'poses whose down directions are at most this apart belong to one cluster, and so do '
+        'chains of such poses (5): 1 to 30 degrees',
+        default='5',
     )
-    add_output(parser, each=False)
+    options.add_output(parser, each=False)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Classify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    degrees = DEFAULT_TOLERANCE_DEGREES
-    if arguments.tolerance is not None:
-        degrees = parse_quantity('--tolerance', arguments.tolerance, '')
-    part = _part(arguments)
-    surroundings = requested_surroundings(arguments.surroundings, arguments.set)
-    result = classify(arguments.poses, part, tolerance=degrees, surroundings=surroundings)
+def run(arguments: argparse.Namespace) -> None:
+    """Classify and show. Raises RestingAspectsError for wrong input."""
+    part = None
+    if arguments.part is not None:
+        part = options.requested_part(arguments)
+    else:
+        options.refuse(arguments, ('unit', 'body', 'parts'), 'with --part')
+    result = classify(arguments.poses, part, tolerance=arguments.tolerance)
     title = f'{one_line(arguments.poses.name)}, {result.poses.drops} poses'
 
     def show() -> None:
-        if result.by_part is None:
-            _show_clusters(title, result)
-        else:
-            _show_aspects(title, result, result.by_part)
+        found = result.by_part
+        if found is None:
+            count = len(result.clusters)
+            clusters = f'{title}, {count} cluster{"" if count == 1 else "s"}'
+            show_table(cluster_table(result.cluster_distribution, result.clusters, clusters))
+            return
+        aspects = f'{title} of {found.part.name}'
+        show_table(agreement_table(found.distribution, found.agreement, result.clusters, aspects))
+        show_texts(agreement_line(found.agreement, found.differences))
 
     show_result(arguments, result.to_json, show)
-    return DONE
-
-
-def _part(arguments: argparse.Namespace) -> Part | None:
-    if arguments.part is not None:
-        return requested_part(arguments)
-    refuse(arguments, ('unit', 'body', 'parts'), 'with --part')
-    return None
-
-
-def _show_clusters(title: str, result: ClassificationResult) -> None:
-    count = len(result.clusters)
-    title += f', {count} cluster' if count == 1 else f', {count} clusters'
-    show_table(cluster_table(result.cluster_distribution, result.clusters, title))
-
-
-def _show_aspects(title: str, result: ClassificationResult, found: PartClassification) -> None:
-    title += f' of {found.part.name}'
-    show_table(agreement_table(found.distribution, found.agreement, result.clusters, title))
-    show_texts(agreement_line(found.agreement, found.differences))
-    if len(found.differences):
-        places = result.poses.index, result.poses.line
-        show_table(differences_table(found.differences, result.clusters, *places))

@@ -4,10 +4,10 @@ import argparse
 from pathlib import Path
 
 from resting_aspects_ros.api.compare import compare
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import add_confidence, add_output
-from resting_aspects_ros.report.comparison import comparison_table, measures_text
+from resting_aspects_ros.cli.life_cycle import show_result
+from resting_aspects_ros.report.comparison import comparison_table, measures
 
 DESCRIPTION = """Show how much two distributions over the same aspects differ, and whether
 chance explains the difference. Each of A and B is a log (the folder of a run,
@@ -28,19 +28,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('a', metavar='A', type=Path, help='log, JSON document or CSV')
     parser.add_argument('b', metavar='B', type=Path, help='log, JSON document or CSV')
-    add_confidence(parser)
-    add_output(parser, each=False)
+    options.add_confidence(parser)
+    options.add_output(parser, each=False)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Read, compare and show; returns the exit code. Raises RestingAspectsError."""
+def run(arguments: argparse.Namespace) -> None:
+    """Read, compare and show. Raises RestingAspectsError."""
     result = compare(arguments.a, arguments.b, confidence=arguments.confidence)
 
     def show() -> None:
         title = f'A: {result.a.title}\nB: {result.b.title}'
         show_table(comparison_table(result.comparison, result.sides, title))
-        measures = measures_text(result.comparison, result.sides)
-        show_texts(measures, *result.range_texts, result.verdict)
+        rows = measures(result.comparison, result.sides).items()
+        lines = '\n'.join(f'{name:<25}{text}' for name, text in rows)
+        show_texts(lines, *result.range_texts, result.verdict)
 
     show_result(arguments, result.to_json, show)
-    return DONE

@@ -3,12 +3,17 @@
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from resting_aspects_ros.api.result import check_files
+from resting_aspects_ros.api.runner import DropProgress
+from resting_aspects_ros.cli.console import print_result
 from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
+from resting_aspects_ros.cli.verbs.request import result_from
+from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.errors import RestingAspectsError
+from resting_aspects_ros.run_logs.contents import logged_result
 from resting_aspects_ros.system import Interruption
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1
@@ -38,13 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Run the demo; returns the exit code. Raises RestingAspectsError if a node fails."""
+def run(arguments: argparse.Namespace) -> None:
+    """Run the demo. Raises RestingAspectsError if a node fails."""
     out: Path = arguments.out
     logs = out / 'logs'
     check_files('--out', out, [f'{node}.log' for node in NODES])
-    from resting_aspects_ros.run_logs.contents import logged_result
-
     namespace = ['-r', f'__ns:={own_namespace("demo")}']
     parameters = {
         'drop_recorder': ['-p', f'log_folder:={logs}'],
@@ -52,30 +55,18 @@ def run(arguments: argparse.Namespace) -> int:
         'aspect_classifier': ['-p', "log_folder:=''"],
     }
     print(f'Starting {", ".join(NODES)} as three processes ...', flush=True)
-    with Interruption() as stop, NodeProcesses(out) as processes:
+    with Interruption() as stop, NodeProcesses(out, stop.check) as processes:
         for node in NODES:
             processes.start(node, [*namespace, *parameters.get(node, [])])
-
-        def check() -> None:
-            stop.check()
-            processes.check()
-
-        processes.wait_until_ready(check)
-        log = _ask(namespace, logs, check)
+        processes.wait_until_ready()
+        log = _ask(namespace, logs, processes.check)
         print(f'Log:    {log}', flush=True)
         stop.check()
     print(f'Report: {logged_result(log).report(out)}')
-    return 0
 
 
-def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
+def _ask(namespace: list[str], logs: Path, check: Callable[[], None]) -> Path:
     """Request and show the distribution, and wait for the log; returns the path of the log."""
-    from resting_aspects_ros.api.runner import DropProgress
-    from resting_aspects_ros.cli.console import print_result
-    from resting_aspects_ros.cli.verbs.request import result_from
-    from resting_aspects_ros.client.client import RestingAspectsClient
-
-    check()
     with RestingAspectsClient(ros_args=namespace, check=check) as client:
         with DropProgress(PART, DROPS) as progress:
             message = client.get_distribution(
@@ -86,17 +77,12 @@ def _ask(namespace: list[str], logs: Path, check: Any) -> Path:
     sys.stdout.flush()
     run_id = result.run.run_id
     end = time.monotonic() + LOG_TIMEOUT
-    while not _logs(logs, run_id) and time.monotonic() < end:
+    while time.monotonic() < end:
+        # metadata.yaml is written last.
+        for metadata in logs.glob(f'*_{run_id}/metadata.yaml'):
+            return next(metadata.parent.glob('*.mcap'))
         check()
         time.sleep(LOG_PERIOD)
-    for log in _logs(logs, run_id):
-        return log
     raise RestingAspectsError(
         f'no log of run {run_id} was written to {str(logs)!r} within {LOG_TIMEOUT:g} s'
     )
-
-
-def _logs(folder: Path, run_id: str) -> list[Path]:
-    """Return the MCAP file of a run once it is complete: metadata.yaml is written last."""
-    complete = folder.glob(f'*_{run_id}/metadata.yaml')
-    return [log for metadata in complete for log in metadata.parent.glob('*.mcap')]

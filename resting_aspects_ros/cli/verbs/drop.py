@@ -3,20 +3,8 @@
 import argparse
 from pathlib import Path
 
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.life_cycle import session
-from resting_aspects_ros.cli.options import (
-    add_conditions,
-    add_confidence,
-    add_engine,
-    add_integer,
-    add_model_range,
-    add_out,
-    add_output,
-    add_part_place,
-    add_run,
-    add_surroundings,
-    add_workers,
-)
 from resting_aspects_ros.simulation.conditions import DEFAULT_SEED, Noise, quantities_of
 
 DESCRIPTION = """Drop a part many times in simulation and show in which aspects it comes
@@ -25,15 +13,10 @@ EXAMPLES = """examples:
   resting_aspects drop l_bracket
   resting_aspects drop my_part.stl --unit mm --drops 5000 --out result
   resting_aspects drop old.stl new.stl FOLDER --out out/batch
-  resting_aspects drop l_bracket --report --log out/logs
   resting_aspects drop t_prism --precision 0.02
-  resting_aspects drop washer --drops 5000 --check-convergence
-  resting_aspects drop l_bracket --drops 1000000 --scheduler tcp://10.0.0.5:8786
-  resting_aspects drop l_bracket --surroundings l_chute --set roll=30deg
   resting_aspects drop hex_nut --surroundings slope --set angle=12deg
   resting_aspects drop die --initial-states tosses.csv --replicates 24
   resting_aspects drop --from-log out/logs/hex_nut_20250131T120000Z_4f1c2d3e4f50
-  resting_aspects drop l_bracket --surfaces my_surfaces.yaml --surface oak_table
   resting_aspects drop hex_nut --height 100mm --friction 0.4 --json > nut.json
 """
 
@@ -47,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='name of a part, or a mesh file; several of them, or a folder of mesh files, are a '
         'batch with an index page',
     )
-    add_part_place(parser)
+    options.add_part_place(parser)
     parser.add_argument(
         '--from-log',
         metavar='LOG',
@@ -55,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='repeat the drops recorded in a log, with its part, conditions and seed; the poses '
         'are the same',
     )
-    add_run(parser, str(DEFAULT_SEED))
+    options.add_run(parser, str(DEFAULT_SEED))
     states = parser.add_argument_group('given initial states, instead of random releases')
     states.add_argument(
         '--initial-states',
@@ -64,23 +47,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='start from the poses and velocities in a CSV with the columns z_com_m, qx, qy, qz, '
         'qw and, if needed, x_m, y_m, vx, vy, vz, wx, wy, wz',
     )
-    add_integer(states, '--replicates', 'number of drops from each state (1)')
+    options.add_integer(states, '--replicates', 'number of drops from each state (1)')
     for name, quantity in quantities_of(Noise).items():
-        states.add_argument(
-            f'--noise-{name}',
-            metavar=quantity.unit.upper(),
-            help=f'standard deviation of the {quantity.text} in each axis (0)',
-        )
+        text = f'standard deviation of the {quantity.text} in each axis (0)'
+        options.add_number(states, f'--noise-{name}', quantity.unit, text)
     parser.add_argument(
         '--interval',
         choices=('wilson', 'simultaneous'),
         default='wilson',
         help='intervals of each aspect by itself, or intervals that hold simultaneously (wilson)',
     )
-    add_confidence(parser)
-    add_engine(parser)
-    add_workers(parser)
-    add_out(
+    options.add_confidence(parser)
+    options.add_engine(parser)
+    options.add_workers(parser)
+    options.add_out(
         parser,
         'write distribution.json, distribution.png and, of a single part, poses.csv into '
         'this folder',
@@ -99,13 +79,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='repeat the drops with half the time step, and show how much the result changes',
     )
-    add_model_range(parser)
-    add_output(parser)
-    add_conditions(parser)
-    add_surroundings(parser)
-    parser.add_argument(
-        '--force', action='store_true', help='accept a height that looks like a mistake'
-    )
+    options.add_model_range(parser)
+    options.add_output(parser)
+    options.add_conditions(parser)
+    options.add_surroundings(parser)
 
 
 def _is_folder(given: list[str]) -> bool:

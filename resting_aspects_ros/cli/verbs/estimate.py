@@ -4,11 +4,10 @@ import argparse
 
 from resting_aspects_ros.api.estimate import EstimateResult, estimate
 from resting_aspects_ros.aspects.estimate import METHODS
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import add_output, add_part, requested_part
-from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.report.drops import estimate_table, legend
+from resting_aspects_ros.cli.life_cycle import show_result
+from resting_aspects_ros.report.drops import estimate_table
 
 ALL = 'all'
 DESCRIPTION = """Show how probable each aspect of a part is by the analytic methods of the
@@ -25,7 +24,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_part(parser)
+    options.add_part(parser)
     parser.add_argument(
         '--method',
         metavar='NAME',
@@ -33,59 +32,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'{", ".join(METHODS)}, some of them separated by commas, or all (all)',
     )
     parser.add_argument('--against', metavar='LOG', help='drops of the same part to compare with')
-    add_output(parser)
+    options.add_output(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Estimate and show; returns the exit code.
+def run(arguments: argparse.Namespace) -> None:
+    """Estimate and show.
 
     Raises RestingAspectsError for wrong input, NotDefinedError if no requested method is defined.
     """
-    names = _methods(arguments.method)
-    result = estimate(requested_part(arguments), names, against=arguments.against)
-    show_result(arguments, result.to_json, lambda: show_estimates(result, each=arguments.each))
-    return DONE
+    names = METHODS if arguments.method == ALL else arguments.method.split(',')
+    result = estimate(options.requested_part(arguments), names, against=arguments.against)
+    show_result(arguments, result.to_json, lambda: _show(result, each=arguments.each))
 
 
-def show_estimates(result: EstimateResult, *, each: bool) -> None:
-    """Print estimates as a table."""
+def _show(result: EstimateResult, *, each: bool) -> None:
     against = result.against
     by_class = not each or (against is not None and against.by_class)
     methods = [name for name in METHODS if name in {*result.estimates, *result.not_defined}]
     shares = {
-        name: None
-        if found is None
-        else found.class_probabilities()
-        if by_class
-        else found.probabilities
-        for name, found in ((name, result.estimates.get(name)) for name in methods)
+        name: found.class_probabilities() if by_class else found.probabilities
+        for name, found in result.estimates.items()
     }
     aspects = result.aspects
     rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects]
     title = f'{result.part.name}: probability by method, %'
-    if against is not None:
+    if against is None:
+        table = estimate_table(result.part, rows, shares, title)
+    else:
         title = f'{title}\nagainst {against.title}'
-    table = estimate_table(
-        result.part,
-        rows,
-        shares,
-        title,
-        result.counted(by_class=by_class),
-        result.comparisons(by_class=by_class),
-    )
+        compared = result.comparisons(by_class=by_class)
+        table = estimate_table(result.part, rows, shares, title, *compared)
     show_table(table)
-    lines = legend([name for name in methods if name in result.estimates])
+    lines = [
+        f'{name:<16}{METHODS[name].label}: {METHODS[name].meaning}'
+        for name in methods
+        if name in result.estimates
+    ]
     lines += [f'{reason}.' for reason in result.not_defined.values()]
     show_texts(*lines, 'All methods assume an infinite level plane.')
-
-
-def _methods(text: str) -> list[str]:
-    """Return the requested methods in the order of METHODS; raises InvalidValueError."""
-    named = list(METHODS) if text == ALL else [name.strip() for name in text.split(',')]
-    for name in named:
-        if name not in METHODS:
-            raise InvalidValueError(
-                f'invalid --method {text!r}: expected {ALL}, or some of {", ".join(METHODS)}, '
-                'separated by commas'
-            )
-    return [name for name in METHODS if name in named]

@@ -2,16 +2,20 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import add_output, add_part_place, requested_part
-from resting_aspects_ros.errors import InvalidValueError, located, shown
+import numpy as np
+
+from resting_aspects_ros.api import identify
+from resting_aspects_ros.cli import options
+from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.life_cycle import show_result
+from resting_aspects_ros.errors import InvalidValueError, located, one_line, shown
 from resting_aspects_ros.input_files import parse_quantity
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.vision.camera import Pinhole
-    from resting_aspects_ros.vision.identification import Identification
+from resting_aspects_ros.report.document import to_json
+from resting_aspects_ros.report.table import Table
+from resting_aspects_ros.vision.camera import Pinhole, surface_pinhole
+from resting_aspects_ros.vision.fitting import OutlineNoise
+from resting_aspects_ros.vision.identification import Identification
 
 DESCRIPTION = """Tell from an observed outline which part lies where and in which aspect. The
 prior is the distribution of 1000 drops on rubber_mat. 'None of these' and
@@ -19,15 +23,12 @@ prior is the distribution of 1000 drops on rubber_mat. 'None of these' and
 EXAMPLES = """examples:
   resting_aspects identify l_bracket --polygon seen.json
   resting_aspects identify l_bracket hex_nut --polygon seen.json --json
-  resting_aspects identify my_part.stl --polygon seen.json --noise 0.2mm
   resting_aspects identify l_bracket --polygon seen.json --camera 0mm,50mm,600mm
 """
 TELECENTRIC = (
     'The outline is taken as seen from straight above (telecentric lens); for a lens with '
     'perspective, give --camera.'
 )
-# Candidates whose logarithms of the likelihood differ by less fit equally well.
-EQUAL_LIKELIHOOD = 0.7
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,57 +44,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='JSON file {"outer": [[x, y], ...], "holes": [[[x, y], ...], ...]} in m, on the tray '
         'seen from above, x to the right and y up; through-holes are part of the outline',
     )
-    parser.add_argument(
-        '--noise',
-        metavar='M',
-        default='0.1mm',
-        help='standard deviation of the boundary, such as 0.2mm (0.1mm)',
-    )
+    text = 'standard deviation of the boundary, such as 0.2mm (0.1mm)'
+    options.add_number(parser, '--noise', 'm', text, default='0.1mm')
     parser.add_argument(
         '--camera',
         metavar='X,Y,HEIGHT',
+        type=_camera,
         help='position of a camera with perspective in the tray frame, such as 0mm,50mm,600mm; '
         'the polygon is what it sees on the surface (none: a telecentric lens)',
     )
-    add_part_place(parser)
-    add_output(parser, each=False)
+    options.add_part_place(parser)
+    options.add_output(parser, each=False)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Identify and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    from resting_aspects_ros.api.identify import (
-        identification_document,
-        identification_hint,
-        identify_part,
-        known_part,
-        read_polygon,
-    )
-    from resting_aspects_ros.report.document import to_json
-    from resting_aspects_ros.vision.fitting import OutlineNoise
-
-    noise = OutlineNoise(parse_quantity('--noise', arguments.noise, 'm'))
-    camera = _camera(arguments.camera)
+def run(arguments: argparse.Namespace) -> None:
+    """Identify and show. Raises RestingAspectsError for wrong input."""
+    noise, camera = OutlineNoise(arguments.noise), arguments.camera
     path = arguments.polygon
-    seen = read_polygon(path)
-    parts = [requested_part(arguments, given) for given in arguments.parts_]
-    known = [known_part(part) for part in parts]
-    found = identify_part(seen, known, noise=noise, camera=camera)
-    hint = identification_hint(found, seen, known, noise)
+    seen = identify.read_polygon(path)
+    parts = [options.requested_part(arguments, given) for given in arguments.parts_]
+    known = [identify.known_part(part) for part in parts]
+    found = identify.identify_part(seen, known, noise=noise, camera=camera)
+    hint = identify.identification_hint(found, seen, known)
     shown_hint = hint if camera else f'{hint} {TELECENTRIC}'.strip()
     show_result(
         arguments,
-        lambda: to_json({**identification_document(found), 'hint': hint or None}),
+        lambda: to_json({**identify.identification_document(found), 'hint': hint or None}),
         lambda: _show(found, path.name, shown_hint),
     )
-    return DONE
 
 
-def _camera(text: str | None) -> 'Pinhole | None':
-    """Return the camera at a position, None without one; raises InvalidValueError."""
-    if text is None:
-        return None
-    from resting_aspects_ros.vision.camera import surface_pinhole
-
+def _camera(text: str) -> Pinhole:
+    """Return the camera at a position; raises InvalidValueError."""
     values = text.split(',')
     if len(values) != 3:
         raise InvalidValueError(
@@ -104,14 +86,8 @@ def _camera(text: str | None) -> 'Pinhole | None':
         return surface_pinhole(position)
 
 
-def _show(found: 'Identification', name: str, hint: str) -> None:
+def _show(found: Identification, name: str, hint: str) -> None:
     """Print the candidates and the other answers as a table, and remarks below it."""
-    import numpy as np
-
-    from resting_aspects_ros.cli.console import show_table, show_texts
-    from resting_aspects_ros.errors import one_line
-    from resting_aspects_ros.report.table import Table
-
     headings = (
         'part',
         'aspects',
@@ -136,27 +112,10 @@ def _show(found: 'Identification', name: str, hint: str) -> None:
     for label, share in (('none of these', found.none), ('touching parts', found.touching)):
         table.add_row(label, '', f'{100 * share:.1f} %')
     show_table(table)
-    show_texts(hint, _equal_text(found))
+    show_texts(hint)
 
 
-def _equal_text(found: 'Identification') -> str:
-    """Return which candidates the outline does not distinguish; empty without any."""
-    first, *others = found.candidates
-    equal = [
-        each
-        for each in (first, *others)
-        if abs(each.log_likelihood - first.log_likelihood) < EQUAL_LIKELIHOOD
-    ]
-    if found.best is None or len(equal) < 2:
-        return ''
-    names = [f'{each.part} {", ".join(map(str, each.aspects))}' for each in equal]
-    return (
-        f'The outline fits these aspects equally well: {"; ".join(names)}. Only their shares make '
-        'one of them more probable.'
-    )
-
-
-def _answer(found: 'Identification') -> str:
+def _answer(found: Identification) -> str:
     """Return the most probable answer in words."""
     best = found.best
     if best is None:

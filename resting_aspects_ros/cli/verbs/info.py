@@ -13,33 +13,25 @@ from resting_aspects_ros.api.conditions import (
 )
 from resting_aspects_ros.api.model_range import missing_in
 from resting_aspects_ros.cli.console import print_table, show_table
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
+from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.cli.options import add_output
 from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.logs.bag import log_files
-from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_document, to_json
 from resting_aspects_ros.report.drops import contact_rows, contact_table
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import action_from
-from resting_aspects_ros.run_logs.contents import (
-    LoggedRun,
-    logged_result,
-    read_feeder_log,
-    read_logged_run,
-    rest_of_run,
-)
+from resting_aspects_ros.run_logs import contents
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution
 
 DESCRIPTION = """Show the part, the conditions, the seed, the versions, the number of poses
-and the distribution in a log, or the action of a log of reorient_part. For the
-log of a feeder, show what was seen, advised, picked and counted. The log may
-be unfinished."""
+and the distribution in a log, or the action of a log of reorient_part. For any
+other log, such as that of a feeder, show the number of messages of each topic.
+The log may be unfinished."""
 EXAMPLES = """examples:
   resting_aspects info out/logs/l_bracket_20250131T120000Z_4f1c2d3e4f50
-  resting_aspects info run_0.mcap --json
   resting_aspects info out/logs/feeder-20250131T120000Z-2718281824f1c
 """
 
@@ -53,36 +45,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Read a log and show its contents; returns the exit code. Raises LogError."""
-    found = read_logged_run(arguments.log)
+def run(arguments: argparse.Namespace) -> None:
+    """Read a log and show its contents. Raises LogError."""
+    found = contents.LoggedRun(arguments.log)
+    described, action = found.run, None
+    if described is None and (matrix := found.transitions) is not None:
+        described, action = run_from(matrix.run), action_from(matrix.action)
     counted = _counted(found)
-    show_result(
-        arguments,
-        lambda: to_json(_document(found, counted)),
-        lambda: _show(found, counted, each=arguments.each),
-    )
-    return DONE
+    part = found.part
+    if counted is None or part is None or part.part_sha256 != counted[0].aspects.part_sha256:
+        part = None
+
+    def show() -> None:
+        for label, text in _lines(found, described, action):
+            print(f'{label:12}{one_line(text, _MAX_LENGTH)}')
+        if counted is None:
+            return
+        distribution, complete = counted
+        of = '' if complete else ' of an unfinished run'
+        title = f'Distribution of {distribution.drops} drops{of}'
+        known = found.known_run
+        missing = '' if known is None or distribution.model else missing_in(known)
+        print()
+        print_table(distribution, title, part, each=arguments.each, no_model_range=missing)
+        if distribution.contacts is not None:
+            show_table(contact_table(distribution.contacts, distribution))
+
+    def document() -> str:
+        fields = _fields(found, described, action)
+        if counted is None:
+            return to_json({'schema_version': SCHEMA_VERSION, **fields})
+        distribution, complete = counted
+        fields |= {'method': METHOD, 'complete': complete}
+        if distribution.contacts is not None:
+            fields['contacts'] = contact_rows(distribution.contacts, distribution)
+        return to_json(distribution_document(distribution, fields, part))
+
+    show_result(arguments, document, show)
 
 
-def _show(found: LoggedRun, counted: tuple[Distribution, bool] | None, *, each: bool) -> None:
-    for label, text in _lines(found):
-        print(f'{label:12}{one_line(text, _MAX_LENGTH)}')
-    if counted is None:
-        return
-    distribution, complete = counted
-    print()
-    of = '' if complete else ' of an unfinished run'
-    title = f'Distribution of {distribution.drops} drops{of}'
-    run = found.known_run
-    missing = '' if run is None or distribution.model else missing_in(run)
-    part = _part(found, distribution)
-    print_table(distribution, title, part, each=each, no_model_range=missing)
-    if distribution.contacts is not None:
-        show_table(contact_table(distribution.contacts, distribution))
-
-
-def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:
+def _counted(found: contents.LoggedRun) -> tuple[Distribution, bool] | None:
     """Return the distribution in a log, or of its drops if it has none, and if it is complete."""
     if found.last_distribution is not None:
         distribution, _, complete = found.last_distribution
@@ -90,18 +92,21 @@ def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:
     run, part = found.run, found.part
     if run is None or part is None or part.part_sha256 != run.part_sha256:
         return None
-    result = logged_result(found.log)
+    result = found.result()
     return dataclasses.replace(result.distribution, contacts=result.contacts), result.complete
 
 
-def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
+def _lines(
+    found: contents.LoggedRun, run: RunDescription | None, action: NamedAction | None
+) -> Iterator[tuple[str, str]]:
+    """Yield label and text of each fact."""
     size = sum(file.stat().st_size for file in log_files(found.log))
     yield 'log', f'{found.path}, {size / 1e6:.3g} MB'
     yield '', f'{_state(found)}, {found.messages} messages'
-    run = _run(found)
     if run is None:
-        feeder = read_feeder_log(found.log)
-        yield from feeder.lines() if feeder else [('drops', 'none')]
+        yield 'drops', 'none'
+        for topic, number in contents.messages_by_topic(found.log).items():
+            yield '', f'{topic}: {number} messages'
         return
     part = found.part
     yield 'part', f'{run.part}, sha256 {run.part_sha256}'
@@ -114,31 +119,15 @@ def _lines(found: LoggedRun) -> Iterator[tuple[str, str]]:
         yield '', surroundings_text(run.conditions.surroundings)
     yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
     yield 'seed', str(run.seed)
-    if (action := _action(found)) is not None:
+    if action is not None:
         yield 'action', f'{action.name}: {action.text}'
-        yield 'actions', _drops(run, found)
-    else:
-        yield 'drops', _drops(run, found)
+    yield 'drops' if action is None else 'actions', _drops(run, found)
     yield 'started', f'{when_text(run.started)} with {run.engine} {run.engine_version}'
     yield '', f'time step {run.time_step:.3g} s, resting_aspects_ros {run.suite_version}'
     yield 'run id', run.run_id
 
 
-def _run(found: LoggedRun) -> RunDescription | None:
-    """Return the run in a log, of drops or of actions."""
-    if found.run is None and found.transitions is not None:
-        return run_from(found.transitions.run)
-    return found.run
-
-
-def _action(found: LoggedRun) -> NamedAction | None:
-    """Return the action if the log is of a run of actions."""
-    if found.run is None and found.transitions is not None:
-        return action_from(found.transitions.action)
-    return None
-
-
-def _state(found: LoggedRun) -> str:
+def _state(found: contents.LoggedRun) -> str:
     if found.being_written:
         return 'being written'
     if not found.finished:
@@ -146,47 +135,38 @@ def _state(found: LoggedRun) -> str:
     return 'closed'
 
 
-def _drops(run: RunDescription, found: LoggedRun) -> str:
+def _drops(run: RunDescription, found: contents.LoggedRun) -> str:
     words = f'{found.outcome.drops} of {run.drops}'
     if run.first_drop:
         words += f', from drop {run.first_drop} on'
     if run.precision:
         words += f', to a precision of {run.precision:g}'
-    return words + (rest_of_run(run, found.outcome) if found.finished else '')
+    return words + (contents.rest_of_run(run, found.outcome) if found.finished else '')
 
 
-def _document(found: LoggedRun, counted: tuple[Distribution, bool] | None) -> dict[str, object]:
-    run, part, action = _run(found), found.part, _action(found)
+def _fields(
+    found: contents.LoggedRun, run: RunDescription | None, action: NamedAction | None
+) -> dict[str, object]:
+    """Return the run and the state of a log as fields of a document."""
+    drops = found.outcome.drops
     log = {
         'path': str(found.path),
         'messages': found.messages,
         'finished': found.finished,
         'being_written': found.being_written,
         'whole': found.outcome.whole,
-        'poses': found.outcome.drops if action is None else 0,
+        'poses': drops if action is None else 0,
     }
     fields: dict[str, object] = {}
-    if run is None and (feeder := read_feeder_log(found.log)) is not None:
-        fields['feeder'] = feeder.document()
-    if run is not None:
+    if run is None:
+        fields['topics'] = contents.messages_by_topic(found.log)
+    else:
         fields = run.document()
-    if part is not None:
-        fields['mesh_sha256'] = part.mesh_sha256
+    if found.part is not None:
+        fields['mesh_sha256'] = found.part.mesh_sha256
     if action is not None:
         fields |= {'action': action.values, 'actions_asked': fields.pop('drops')}
-        log['actions'] = found.outcome.drops
+        log['actions'] = drops
     elif run is not None:
         fields['drops_asked'] = run.drops
-    if counted is None:
-        return {'schema_version': SCHEMA_VERSION, **fields, 'log': log}
-    distribution, complete = counted
-    fields |= {'method': METHOD, 'complete': complete, 'log': log}
-    if distribution.contacts is not None:
-        fields['contacts'] = contact_rows(distribution.contacts, distribution)
-    return distribution_document(distribution, fields, _part(found, distribution))
-
-
-def _part(found: LoggedRun, distribution: Distribution) -> Part | None:
-    """Return the part of the distribution, if the log describes it."""
-    part = found.part
-    return part if part and part.part_sha256 == distribution.aspects.part_sha256 else None
+    return {**fields, 'log': log}

@@ -3,6 +3,10 @@
 import argparse
 
 from resting_aspects_ros.cli.options import add_ros_args
+from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
+from resting_aspects_ros.nodes.drop_recorder.node import DropRecorder
+from resting_aspects_ros.nodes.drop_simulator.node import DropSimulator
+from resting_aspects_ros.ros.program import spin_nodes
 
 DESCRIPTION = """Run drop_simulator, aspect_classifier and drop_recorder in one process,
 until Ctrl-C. Each node is also a separate program, whose --help lists its
@@ -21,10 +25,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Spin until a signal stops it; returns the exit code."""
-    from resting_aspects_ros.nodes.aspect_classifier.node import AspectClassifier
-    from resting_aspects_ros.nodes.drop_recorder.node import DropRecorder
-    from resting_aspects_ros.nodes.drop_simulator.node import DropSimulator
-    from resting_aspects_ros.ros.program import spin_nodes
-
     ros_args = ['--ros-args', *arguments.ros_args] if arguments.ros_args else []
     return spin_nodes([DropSimulator, AspectClassifier, DropRecorder], ros_args)

@@ -3,20 +3,25 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import (
-    add_out,
-    add_output,
-    add_part,
-    refuse,
-    requested_part,
+from resting_aspects_ros.api.outlines import (
+    COCO,
+    DOCUMENT,
+    OutlinesResult,
+    check_sheet_name,
+    outlines,
 )
-from resting_aspects_ros.input_files import parse_quantity
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.outlines import OutlinesResult
+from resting_aspects_ros.api.result import check_output
+from resting_aspects_ros.cli import options
+from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.life_cycle import result_folder, show_result
+from resting_aspects_ros.report.format import size_text
+from resting_aspects_ros.report.outlines import (
+    PIXELS_PER_MM,
+    confused_class_texts,
+    family_texts,
+    outline_table,
+)
 
 DESCRIPTION = """Show and export the outline that a camera straight above sees of a part in each
 of its aspects, and which classes of aspects look alike. No drops are needed."""
@@ -24,23 +29,19 @@ EXAMPLES = """examples:
   resting_aspects outlines l_bracket
   resting_aspects outlines my_part.stl --out outlines --px-per-mm 20
   resting_aspects outlines hex_nut --counting-sheet sheet.pdf
-  resting_aspects outlines washer --json
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_part(parser)
-    add_out(
+    options.add_part(parser)
+    options.add_out(
         parser,
         'write into this folder: JSON, for each class drawings (SVG and DXF) at true size, '
         'a template and a mask (PNG), and COCO annotations',
     )
-    parser.add_argument(
-        '--px-per-mm',
-        metavar='X',
-        help='pixels of the templates and masks for each mm on the tray (10)',
-    )
+    text = 'pixels of the templates and masks for each mm on the tray (10)'
+    options.add_number(parser, '--px-per-mm', '', text)
     parser.add_argument(
         '--counting-sheet',
         metavar='FILE',
@@ -48,69 +49,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='write a sheet for counting by hand, A4: a .pdf or .svg file with picture, outline '
         'and tally boxes of each class',
     )
-    add_output(parser, each=False)
+    options.add_output(parser, each=False)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Find, show and export the outlines; returns the exit code. Raises RestingAspectsError."""
-    from resting_aspects_ros.api.outlines import check_sheet_name, outlines
-    from resting_aspects_ros.api.result import check_output
-
-    out, sheet = arguments.out, arguments.counting_sheet
-    scale = _px_per_mm(arguments)
+def run(arguments: argparse.Namespace) -> None:
+    """Find, show and export the outlines. Raises RestingAspectsError."""
+    sheet = arguments.counting_sheet
+    if arguments.out is None:
+        options.refuse(arguments, ('px_per_mm',), 'with --out')
+    scale = PIXELS_PER_MM if arguments.px_per_mm is None else arguments.px_per_mm
     if sheet is not None:
         check_sheet_name('--counting-sheet', sheet)
-        if sheet.parent != out:  # this folder is made later
-            check_output('--counting-sheet', sheet)
-    result = outlines(requested_part(arguments))
-    written = _write(result, out, scale, sheet)
-    show_result(arguments, result.to_json, lambda: _show(result, written))
-    return DONE
-
-
-def _px_per_mm(arguments: argparse.Namespace) -> float:
-    """Return the requested scale of the images; raises InvalidValueError."""
-    from resting_aspects_ros.report.outlines import PIXELS_PER_MM
-
-    if arguments.out is None:
-        refuse(arguments, ('px_per_mm',), 'with --out')
-    given = arguments.px_per_mm
-    return PIXELS_PER_MM if given is None else parse_quantity('--px-per-mm', given, '')
-
-
-def _write(
-    result: 'OutlinesResult', out: Path | None, scale: float, sheet: Path | None
-) -> list[str]:
-    """Write the requested files; returns lines that name them."""
-    from resting_aspects_ros.api.result import check_output
-
-    if out is not None:
-        result.check_output('--out', out, scale)
+    part = options.requested_part(arguments)
+    out = result_folder(arguments, part.name, (DOCUMENT, COCO))
     check_output('--counting-sheet', sheet)
-    lines = []
+    result = outlines(part)
+    written = []
     if out is not None:
         number = len(result.save(out, scale))
-        lines.append(
+        written.append(
             f'Written: {number} files in {out}: outlines.json (all outlines), coco.json\n'
             '(annotations), and for each class, such as 1, class_1.svg, class_1.dxf,\n'
             'class_1_template.png and class_1_mask.png'
         )
     if sheet is not None:
         result.save_counting_sheet(sheet)
-        lines.append(f'Counting sheet: {sheet}')
-    return lines
+        written.append(f'Counting sheet: {sheet}')
+    show_result(arguments, result.to_json, lambda: _show(result, written))
 
 
-def _show(result: 'OutlinesResult', written: Sequence[str]) -> None:
+def _show(result: OutlinesResult, written: Sequence[str]) -> None:
     """Print the table, a sentence for each group of classes that look alike, and the files."""
-    from resting_aspects_ros.cli.console import show_table, show_texts
-    from resting_aspects_ros.report.format import size_text
-    from resting_aspects_ros.report.outlines import (
-        confused_class_texts,
-        family_texts,
-        outline_table,
-    )
-
     number = len(result.outlines)
     title = f'{result.part.name}, {size_text(result.part)}: ' + (
         f'{number} outlines' if number != 1 else '1 outline'

@@ -7,7 +7,7 @@ from pathlib import Path
 from resting_aspects_ros.errors import LogError, NoLogError, RestingAspectsError
 from resting_aspects_ros.logs.bag import OUTCOME
 from resting_aspects_ros.logs.recovery import recover_log
-from resting_aspects_ros.run_logs.contents import LoggedRun, read_logged_run, rest_of_run
+from resting_aspects_ros.run_logs.contents import LoggedRun, rest_of_run
 
 DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
 Every complete message in the file is kept, and a classifier that starts later
@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Recover each log and print its contents; returns the exit code.
+def run(arguments: argparse.Namespace) -> None:
+    """Recover each log and print its contents.
 
     Continues after a log that cannot be recovered, and raises RestingAspectsError at the end.
     """
@@ -42,19 +42,25 @@ def run(arguments: argparse.Namespace) -> int:
         print(f'error: {earlier}', file=sys.stderr)
     if failed:
         raise failed[-1]
-    return 0
 
 
 def _recover(log: Path) -> str:
     """Recover a log; returns a description of its contents."""
     records: dict[str, dict[str, str]] = {}
     try:
-        logged = read_logged_run(log)
+        logged = LoggedRun(log)
         if logged.being_written:
             return 'is being written, not changed'
-        words = _drops(logged)
-        if logged.run is not None or logged.transitions is not None:
-            records = {OUTCOME: logged.outcome.record()}
+        run, outcome = logged.run, logged.outcome
+        words = 'no drops'
+        if run is not None:
+            words = f'{outcome.drops} of {run.drops} drops of {run.part}'
+            words += rest_of_run(run, outcome)
+        elif (matrix := logged.transitions) is not None:
+            of = f'{matrix.run.part}, {matrix.action.name}'
+            words = f'{outcome.drops} of {matrix.run.drops} actions of {of}'
+        if run is not None or logged.transitions is not None:
+            records = {OUTCOME: outcome.record()}
     except NoLogError:
         raise
     except LogError as error:  # such as that of messages of another version
@@ -65,15 +71,3 @@ def _recover(log: Path) -> str:
     if recovered.closed:
         return f'is already closed, {recovered.messages} messages, {words}'
     return f'{recovered.messages} messages recovered, {words}'
-
-
-def _drops(logged: LoggedRun) -> str:
-    """Return a text with the number of drops or actions in a log."""
-    if logged.run is None and (matrix := logged.transitions) is not None:
-        run, name = matrix.run, matrix.action.name
-        return f'{logged.outcome.drops} of {run.drops} actions of {run.part}, {name}'
-    if logged.run is None:
-        return 'no drops'
-    outcome = logged.outcome
-    words = f'{outcome.drops} of {logged.run.drops} drops of {logged.run.part}'
-    return words + rest_of_run(logged.run, outcome)

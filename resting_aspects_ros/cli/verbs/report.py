@@ -5,12 +5,10 @@ from pathlib import Path
 
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
-from resting_aspects_ros.api.counts import check_against
 from resting_aspects_ros.api.drop import DropResult
 from resting_aspects_ros.api.result import make_folder
 from resting_aspects_ros.api.result_json import document_result
-from resting_aspects_ros.cli.options import add_out, add_part_place, refuse
-from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.cli import options
 from resting_aspects_ros.logs.bag import is_log
 
 DESCRIPTION = """Write report.html, one file that needs no network. It shows the part in 3D, a
@@ -18,7 +16,6 @@ picture and the probability of each aspect, charts, and all conditions. The
 figures are also written as PNG and SVG."""
 EXAMPLES = """examples:
   resting_aspects report out/nut/distribution.json
-  resting_aspects report out/logs/l_bracket_20250131T120000Z_4f1c --out report
   resting_aspects report result/distribution.json --against counted_by_hand.csv
   resting_aspects report request.json --part my_part.stl --unit in
 """
@@ -40,34 +37,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='compare it with manual counts (a CSV with aspect or class, and count), a log or a '
         'JSON document',
     )
-    add_out(parser, 'folder of the files (out/ and the part)')
+    options.add_out(parser, 'folder of the files (out/ and the part)')
     parser.add_argument(
         '--part',
         metavar='PART_OR_MESH',
         help='the part of a JSON document (the mesh file or the part that the document names)',
     )
-    add_part_place(parser)
+    options.add_part_place(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Read the result and write the report; returns the exit code. Raises RestingAspectsError."""
+def run(arguments: argparse.Namespace) -> None:
+    """Read the result and write the report. Raises RestingAspectsError."""
     result = _read_result(arguments)
-    against = None
+    against, verdict = None, ''
     if arguments.against is not None:
         against = read_counts(arguments.against)
-        aspects = result.distribution.aspects
-        if not result.distribution.counts.any():
-            raise InvalidValueError(
-                f'invalid result {str(arguments.result)!r}: expected at least one drop in an '
-                'aspect for --against'
-            )
-        check_against(against, result.run.part, result.run.part_sha256, aspects)
+        verdict = compare(result, against).verdict
     folder = arguments.out or Path('out') / result.run.part
     make_folder('--out', folder)
     print(f'Report: {result.report(folder, against)}')
-    if against is not None:
-        print(compare(result, against).verdict)
-    return 0
+    if verdict:
+        print(verdict)
 
 
 def _read_result(arguments: argparse.Namespace) -> DropResult:
@@ -77,7 +67,7 @@ def _read_result(arguments: argparse.Namespace) -> DropResult:
             path, arguments.part, arguments.unit, arguments.parts, arguments.body
         )
     names = 'part', 'unit', 'body', 'parts'
-    refuse(arguments, names, 'with a JSON document; a log contains its part')
+    options.refuse(arguments, names, 'with a JSON document; a log contains its part')
     # This imports ROS, which a JSON document does not need.
     from resting_aspects_ros.run_logs.contents import logged_result
 

@@ -2,38 +2,27 @@
 
 import argparse
 import dataclasses
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from resting_aspects_ros.api.result import check_output
-from resting_aspects_ros.cli.life_cycle import DONE, show_result
-from resting_aspects_ros.cli.options import (
-    add_conditions,
-    add_output,
-    add_ros_args,
-    add_run,
-    add_surroundings,
-    changed_conditions,
-    refuse,
-    requested_conditions,
-    requested_number,
-)
+from resting_aspects_ros.api.drop import DropResult
+from resting_aspects_ros.api.model_range import missing_in
+from resting_aspects_ros.api.runner import DropProgress
+from resting_aspects_ros.cli import options
+from resting_aspects_ros.cli.console import print_result
+from resting_aspects_ros.cli.life_cycle import show_result
+from resting_aspects_ros.client import NotAvailableError, RestingAspectsClient, UnknownPartError
 from resting_aspects_ros.errors import warn
+from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.ros.conversions import run_from
+from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.simulation.conditions import (
+    DEFAULT_DROPS,
     DEFAULT_SEED,
     MAX_DROPS,
-    QUANTITIES,
     DropConditions,
-    check_drops,
-    check_seed,
 )
+from resting_aspects_ros.statistics.intervals import max_drops
 from resting_aspects_ros.system import Interruption
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.drop import DropResult
-    from resting_aspects_ros.api.runner import DropProgress
-    from resting_aspects_ros.client.client import RestingAspectsClient
-    from resting_aspects_ros.part.part import Part
 
 DESCRIPTION = """Call the service get_distribution of the running nodes. A known distribution is
 returned at once, otherwise the part is dropped first."""
@@ -41,113 +30,55 @@ EXAMPLES = """examples:
   resting_aspects nodes                      (in another terminal)
   resting_aspects request l_bracket --drops 2000
   resting_aspects request hex_nut --only-known --json
-  resting_aspects request hex_nut --method rolling
   resting_aspects request hex_nut --ros-args -r __ns:=/cell_1
 """
-# Flags that a method of `estimate` ignores.
-OF_DROPS = (
-    *('drops', 'precision', 'seed', 'surroundings', 'picture', 'surface', 'surfaces'),
-    *(*QUANTITIES, 'height_of'),
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument('part', metavar='PART', help='name of a part that the simulator knows')
-    add_run(parser, f'a known run with any seed, or a new run with {DEFAULT_SEED}')
-    parser.add_argument(
-        '--method',
-        metavar='NAME',
-        default='drops',
-        help='drops, or a method of `estimate` (drops)',
-    )
+    options.add_run(parser, f'a known run with any seed, or a new run with {DEFAULT_SEED}')
     parser.add_argument(
         '--only-known',
         action='store_true',
         help='do not drop; without --drops and --precision accept any known distribution',
     )
-    add_output(parser)
-    parser.add_argument('--picture', metavar='FILE.png', type=Path, help='write a picture')
-    add_conditions(parser, "the simulator's default")
-    add_surroundings(parser)
-    add_ros_args(parser)
+    options.add_output(parser)
+    options.add_conditions(parser, "the simulator's default")
+    options.add_surroundings(parser)
+    options.add_ros_args(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Request and show; returns the exit code. Raises RestingAspectsError."""
-    with Interruption() as stop:
-        if arguments.method != 'drops':
-            refuse(arguments, OF_DROPS, 'with --method drops')
-        # Wrong values are refused before the client looks for a suite.
-        requested_conditions(arguments)
-        check_output('--picture', arguments.picture)
-        if arguments.method != 'drops':
-            return _estimate(arguments, stop)
-        drops, precision = requested_number(arguments)
-        if arguments.seed is not None:
-            check_seed(arguments.seed)
-        from resting_aspects_ros.api.runner import DropProgress
-        from resting_aspects_ros.cli.console import print_result
-        from resting_aspects_ros.client.client import RestingAspectsClient
-        from resting_aspects_ros.statistics.intervals import max_drops
-
-        total = max_drops(drops, precision, MAX_DROPS)
-        check_drops(total)
-        progress = DropProgress(arguments.part, total)
-        with RestingAspectsClient(
-            ros_args=arguments.ros_args, warn=warn, check=stop.check
-        ) as client:
-            conditions = _conditions(arguments, client)
-            try:
-                with progress:
-                    message = client.get_distribution(
-                        arguments.part,
-                        drops=arguments.drops,
-                        precision=precision,
-                        conditions=conditions,
-                        seed=arguments.seed,
-                        only_known=arguments.only_known,
-                        progress=progress.update,
-                    )
-                    progress.end(message.drops)
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(_interrupted(progress)) from None
-            result = result_from(message, _part(client, arguments.part))
-        if arguments.picture is not None:
-            result.save_picture(arguments.picture)
-        show_result(arguments, result.to_json, lambda: print_result(result, each=arguments.each))
-    return DONE
-
-
-def _part(client: 'RestingAspectsClient', name: str) -> 'Part | None':
-    """Return the part if a simulator offers it, else None with a warning."""
-    from resting_aspects_ros.client import NotAvailableError, UnknownPartError
-
-    try:
-        if name not in client.list_parts():
-            raise UnknownPartError(f'no drop_simulator offers {name}')
-        return client.get_part(name)
-    except (NotAvailableError, UnknownPartError) as error:
-        warn(f'the part and its supports are not shown: {error}')
-        return None
-
-
-def _interrupted(progress: 'DropProgress') -> str:
-    """Return the message after Ctrl-C, which cancels the run of the request."""
-    if not progress.done:
-        return 'interrupted'
-    return (
-        f'interrupted after {progress.done} drops, which are kept; the run ends unless another '
-        'client requested the same drops'
-    )
+def run(arguments: argparse.Namespace) -> None:
+    """Request and show. Raises RestingAspectsError."""
+    with (
+        Interruption() as stop,
+        RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client,
+    ):
+        conditions = _conditions(arguments, client)
+        precision = arguments.precision or 0.0
+        drops = arguments.drops or (0 if precision else DEFAULT_DROPS)
+        with DropProgress(arguments.part, max_drops(drops, precision, MAX_DROPS)) as progress:
+            message = client.get_distribution(
+                arguments.part,
+                drops=arguments.drops,
+                precision=precision,
+                conditions=conditions,
+                seed=arguments.seed,
+                only_known=arguments.only_known,
+                progress=progress.update,
+            )
+            progress.end(message.drops)
+        result = result_from(message, _part(client, arguments.part))
+    show_result(arguments, result.to_json, lambda: print_result(result, each=arguments.each))
 
 
 def _conditions(
-    arguments: argparse.Namespace, client: 'RestingAspectsClient'
+    arguments: argparse.Namespace, client: RestingAspectsClient
 ) -> DropConditions | None:
     """Return the requested conditions; None if no flag gives any."""
-    conditions = requested_conditions(arguments)
-    changes = changed_conditions(arguments)
+    conditions = options.requested_conditions(arguments)
+    changes = options.changed_conditions(arguments)
     if arguments.surface:
         return conditions
     if not (changes or arguments.surroundings):
@@ -157,29 +88,17 @@ def _conditions(
     )
 
 
-def _estimate(arguments: argparse.Namespace, stop: Interruption) -> int:
-    """Request and show the prediction of a method of `estimate`; returns the exit code."""
-    from resting_aspects_ros.api.estimate import EstimateResult
-    from resting_aspects_ros.cli.verbs.estimate import show_estimates
-    from resting_aspects_ros.client.client import RestingAspectsClient
-    from resting_aspects_ros.ros.distribution_conversions import estimate_from
-
-    with RestingAspectsClient(ros_args=arguments.ros_args, check=stop.check) as client:
-        message = client.get_distribution(arguments.part, method=arguments.method)
-        found = estimate_from(message)
-        part = client.get_part(arguments.part)
-    result = EstimateResult(part, found.aspects, {found.method: found}, {})
-    show_result(arguments, result.to_json, lambda: show_estimates(result, each=arguments.each))
-    return DONE
+def _part(client: RestingAspectsClient, name: str) -> Part | None:
+    """Return the part if a simulator offers it, else None with a warning."""
+    try:
+        return client.get_part(name)
+    except (NotAvailableError, UnknownPartError) as error:
+        warn(f'the part and its supports are not shown: {error}')
+        return None
 
 
-def result_from(message: Any, part: 'Part | None') -> 'DropResult':
+def result_from(message: Any, part: Part | None) -> DropResult:
     """Convert an AspectDistribution into a result."""
-    from resting_aspects_ros.api.drop import DropResult
-    from resting_aspects_ros.api.model_range import missing_in
-    from resting_aspects_ros.ros.conversions import run_from
-    from resting_aspects_ros.ros.distribution_conversions import distribution_from
-
     distribution, run = distribution_from(message), run_from(message.run)
     return DropResult(
         distribution,

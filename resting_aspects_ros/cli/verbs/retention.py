@@ -2,33 +2,12 @@
 
 import argparse
 from functools import partial
-from typing import TYPE_CHECKING
 
-from resting_aspects_ros.cli.life_cycle import (
-    exit_code,
-    finish,
-    partial_result,
-    result_folder,
-    session,
-)
-from resting_aspects_ros.cli.options import (
-    add_confidence,
-    add_contact_conditions,
-    add_engine,
-    add_integer,
-    add_out,
-    add_output,
-    add_part,
-    add_seed,
-    add_workers,
-    requested_conditions,
-    requested_part,
-)
+from resting_aspects_ros.api.retention import RetentionResult, retention
+from resting_aspects_ros.cli import life_cycle, options
+from resting_aspects_ros.cli.console import show_table
 from resting_aspects_ros.errors import StoppedError
-from resting_aspects_ros.input_files import parse_quantity
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.retention import RetentionResult
+from resting_aspects_ros.report.transitions import retention_table
 
 DESCRIPTION = """Disturb a part at rest in each aspect with rising energy, and show at which
 energy it leaves the aspect. The energy is given as a lift height: the height by
@@ -37,71 +16,58 @@ EXAMPLES = """examples:
   resting_aspects retention l_bracket
   resting_aspects retention my_part.stl --per-height 1000 --out result
   resting_aspects retention l_bracket --report
-  resting_aspects retention hex_nut --max-lift 20mm --friction 0.4 --json
+  resting_aspects retention hex_nut --friction 0.4 --json
 """
 DOCUMENT, PICTURE, PAGE = 'retention.json', 'retention.png', 'retention.html'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_part(parser)
-    add_integer(
+    options.add_part(parser)
+    options.add_integer(
         parser,
         '--per-height',
         'number of disturbances of each energy from each aspect (400)',
         default=400,
     )
-    parser.add_argument(
-        '--max-lift',
-        metavar='M',
-        type=lambda text: parse_quantity('--max-lift', text, 'm'),
-        help='maximum lift height, such as 20mm (20 times the barrier of the aspect, at most '
-        'twice the radius of the part)',
-    )
-    add_seed(parser, 'curves')
-    add_confidence(parser)
-    add_engine(parser)
-    add_workers(parser)
-    add_out(
+    options.add_seed(parser, 'curves')
+    options.add_confidence(parser)
+    options.add_engine(parser)
+    options.add_workers(parser)
+    options.add_out(
         parser,
         f'write {DOCUMENT} and {PICTURE} into this folder',
         f'{PAGE}, a page with the curves and all conditions',
     )
-    add_output(parser, each=False)
-    add_contact_conditions(parser)
+    options.add_output(parser, each=False)
+    options.add_contact_conditions(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    with session(arguments) as started:
-        from resting_aspects_ros.api.retention import retention
-
-        part = requested_part(arguments)
-        out = result_folder(arguments, part.name, (DOCUMENT, PICTURE))
+    with life_cycle.session(arguments) as started:
+        part = options.requested_part(arguments)
+        out = life_cycle.result_folder(arguments, part.name, (DOCUMENT, PICTURE))
         simulate = partial(
             retention,
             part,
             arguments.per_height,
-            surface=requested_conditions(arguments),
-            max_lift=arguments.max_lift,
+            surface=options.requested_conditions(arguments),
             seed=arguments.seed,
             confidence=arguments.confidence,
             engine=arguments.engine,
-            **started.options,
+            **started,
         )
-        result, failure = partial_result(simulate)
+        result, failure = life_cycle.partial_result(simulate)
         if not result.curves:
             raise failure or StoppedError('interrupted; no part was disturbed')
         document = DOCUMENT, result.to_json
         files = {} if arguments.report else {PICTURE: result.save_picture}
-        finish(arguments, out, document, files, partial(_show, result), result.report)
+        life_cycle.finish(arguments, out, document, files, partial(_show, result), result.report)
         disturbed = sum(int(curve.parts.sum()) for curve in result.curves)
         has = f'{disturbed} of {result.run.drops} disturbances'
-        return exit_code(has, complete=result.complete, failure=failure)
+        return life_cycle.exit_code(has, started, failure)
 
 
-def _show(result: 'RetentionResult') -> None:
-    from resting_aspects_ros.cli.console import show_table
-    from resting_aspects_ros.report.transitions import retention_table
-
+def _show(result: RetentionResult) -> None:
     show_table(retention_table(result.curves, result.title, result.run.conditions.gravity))

@@ -49,7 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
     if not 0 <= arguments.port < 65536:
         raise InvalidValueError(f'invalid --port {arguments.port}: expected 0 to 65535')
     examples = sorted(path.stem for path in parts_folder().glob('*.stl'))
-    _check_part(arguments.part, examples)
+    part = arguments.part
+    if part and part not in examples and not Path(part).is_file():
+        raise InvalidValueError(
+            f'invalid part {part!r}: expected a file or one of {", ".join(examples)}'
+        )
 
     def ready(address: str) -> None:
         print(f'Studio: {address}', flush=True)
@@ -59,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     with Interruption() as stop:
-        studio = Studio(examples, arguments.part)
+        studio = Studio(examples, part)
         try:
             asyncio.run(serve(studio, arguments.port, ready, lambda: stop.asked))
         except OSError as error:
@@ -67,11 +71,3 @@ def run(arguments: argparse.Namespace) -> int:
                 f'invalid --port {arguments.port}: expected a free port: {error.strerror}'
             ) from None
     return 0
-
-
-def _check_part(part: str, examples: list[str]) -> None:
-    """Raise InvalidValueError if a part is neither an example nor a file."""
-    if part and part not in examples and not Path(part).is_file():
-        raise InvalidValueError(
-            f'invalid part {part!r}: expected a file or one of {", ".join(examples)}'
-        )

@@ -3,24 +3,15 @@
 import argparse
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from resting_aspects_ros.cli.life_cycle import INTERRUPTED, session
-from resting_aspects_ros.cli.options import (
-    add_conditions,
-    add_integer,
-    add_out,
-    add_share,
-    add_surroundings,
-    add_workers,
-    changed_conditions,
-    refuse,
-)
+from resting_aspects_ros.api.conditions import requested_surroundings
+from resting_aspects_ros.cli import life_cycle, options
 from resting_aspects_ros.errors import InvalidValueError, analysis, shown
-from resting_aspects_ros.simulation.conditions import QUANTITIES
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.studies.study import StudyResult
+from resting_aspects_ros.simulation.conditions import QUANTITIES, all_surfaces
+from resting_aspects_ros.studies import study
+from resting_aspects_ros.studies.batch import load_parts
+from resting_aspects_ros.studies.design import parse_ranges
 
 WIDTH = 80  # of the text
 # Flags of what a study.yaml defines.
@@ -31,7 +22,6 @@ while to measure it. A study that was interrupted, or that is given more points,
 continues where it ended."""
 EXAMPLES = """examples:
   resting_aspects study l_bracket --vary friction=.1:.5 --vary height=2cm:20cm
-  resting_aspects study hex_nut --vary height=20mm:200mm:7 --design factorial
   resting_aspects study old.stl new.stl --vary friction=0.1:0.6 --points 32
   resting_aspects study a.stl --surroundings slope --vary surroundings.angle=0:1
   resting_aspects study l_bracket --action tap --vary action.speed=0.1:0.5
@@ -64,88 +54,78 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='a curve over each factor from each base point, with 7 levels if none are given '
         '(curves), or all combinations of the levels, 3 if none are given (factorial)',
     )
-    add_integer(group, '--points', 'number of base points (16)', metavar='M')
-    add_integer(
+    options.add_integer(group, '--points', 'number of base points (16)', metavar='M')
+    options.add_integer(
         group,
         '--drops',
         'number of drops at each point (400 to 10000: the fewer, the more points there are); '
         'with --action, of actions from each aspect (a fifth of this)',
     )
-    add_integer(group, '--seed', 'seed of the design and the drops (1)', metavar='S')
+    options.add_integer(group, '--seed', 'seed of the design and the drops (1)', metavar='S')
     group.add_argument(
         '--action',
         metavar='NAME',
         help='do this named action to parts at rest in each aspect, instead of dropping them',
     )
-    add_share(
+    options.add_share(
         parser,
         '--tolerance',
         'P',
         'change of a probability that matters to you, such as 0.05 or 5%%: decides whether '
         'measuring a condition is worth while (0.05)',
     )
-    add_share(
+    options.add_share(
         parser,
         '--confidence',
         'C',
         'confidence of the intervals: more than 0.5 and less than 1 (0.95)',
     )
-    add_out(
+    options.add_out(
         parser,
         'folder of study.yaml, points.jsonl, results.csv and page.html; a study in it is '
         'continued (out/study_ and the parts, or the folder of study.yaml)',
     )
-    add_workers(parser)
-    add_conditions(parser)
-    add_surroundings(parser)
+    options.add_workers(parser)
+    options.add_conditions(parser)
+    options.add_surroundings(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Make the study and show it; returns the exit code. RestingAspectsError for wrong input."""
-    with session(arguments) as started:
-        from resting_aspects_ros.studies.study import SPEC
-
+    with life_cycle.session(arguments) as started:
         numbers = {
             name: value
             for name in ('design', 'points', 'drops', 'seed', 'tolerance', 'confidence')
             if (value := getattr(arguments, name)) is not None
         }
         first = Path(arguments.parts[0])
-        if first.is_dir() and (first / SPEC).exists():
-            first /= SPEC
+        if first.is_dir() and (first / study.SPEC).exists():
+            first /= study.SPEC
         if first.suffix.lower() in {'.yaml', '.yml'}:
-            return _show(*_of_file(first, arguments, numbers, started.options))
-        return _show(*_of_flags(arguments, numbers, started.options))
+            return _show(*_of_file(first, arguments, numbers, started))
+        return _show(*_of_flags(arguments, numbers, started))
 
 
 def _of_file(
-    path: Path, arguments: argparse.Namespace, numbers: dict[str, Any], options: dict[str, Any]
-) -> 'tuple[StudyResult, Path]':
+    path: Path, arguments: argparse.Namespace, numbers: dict[str, Any], started: dict[str, Any]
+) -> tuple[study.StudyResult, Path]:
     """Make the study that a file describes; returns it and its folder."""
-    from resting_aspects_ros.simulation.conditions import all_surfaces
-    from resting_aspects_ros.studies.study import SPEC, read_spec, run_study
-
     if len(arguments.parts) > 1:
         raise InvalidValueError(
             f'invalid part {shown(arguments.parts[1])}: expected no parts beside '
             f'{str(path)!r}, which defines them'
         )
-    refuse(arguments, _OF_A_STUDY, f'without {str(path)!r}, which defines it')
-    folder = arguments.out or (path.parent if path.name == SPEC else Path('out') / path.stem)
-    spec = read_spec(path, numbers, all_surfaces(arguments.surfaces))
-    return run_study(spec, folder, **options), folder
+    options.refuse(arguments, _OF_A_STUDY, f'without {str(path)!r}, which defines it')
+    own = path.parent if path.name == study.SPEC else Path('out') / path.stem
+    folder = arguments.out or own
+    spec = study.read_spec(path, numbers, all_surfaces(arguments.surfaces))
+    return study.run_study(spec, folder, **started), folder
 
 
 def _of_flags(
-    arguments: argparse.Namespace, numbers: dict[str, Any], options: dict[str, Any]
-) -> 'tuple[StudyResult, Path]':
+    arguments: argparse.Namespace, numbers: dict[str, Any], started: dict[str, Any]
+) -> tuple[study.StudyResult, Path]:
     """Make the study that the flags describe; returns it and its folder."""
-    from resting_aspects_ros.api.conditions import requested_surroundings
-    from resting_aspects_ros.simulation.conditions import all_surfaces
-    from resting_aspects_ros.studies.batch import load_parts
-    from resting_aspects_ros.studies.design import parse_ranges
-    from resting_aspects_ros.studies.study import study
-
     if not arguments.vary:
         raise InvalidValueError(
             'missing --vary: expected at least one, such as --vary restitution=0.3:0.7'
@@ -154,20 +134,20 @@ def _of_flags(
     name = '_'.join(part.name for part in parts[:3])
     folder = arguments.out or Path('out') / f'study_{name}'
     conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
-    result = study(
+    result = study.study(
         parts,
         parse_ranges(arguments.vary),
-        surface=conditions.changed(**changed_conditions(arguments)),
+        surface=conditions.changed(**options.changed_conditions(arguments)),
         surroundings=requested_surroundings(arguments.surroundings, arguments.set),
         action=arguments.action,
         out=folder,
         **numbers,
-        **options,
+        **started,
     )
     return result, folder
 
 
-def _show(result: 'StudyResult', folder: Path) -> int:
+def _show(result: study.StudyResult, folder: Path) -> int:
     """Write the tables and the page, and print the findings; returns the exit code."""
     for case in result.cases:
         if case.skipped:
@@ -189,17 +169,20 @@ def _show(result: 'StudyResult', folder: Path) -> int:
     if not result.complete:
         drops = sum(int(case.drops.sum()) for case in result.cases)
         print(f'interrupted after {drops} drops; the same command continues the study')
-        return INTERRUPTED
+        return life_cycle.INTERRUPTED
     return 0
 
 
-def _show_findings(result: 'StudyResult') -> None:
+def _show_findings(result: study.StudyResult) -> None:
     """Print the findings of each case, each as a sentence with details below it."""
     for case in result.cases:
         print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')
         for finding in result.findings:
             if finding.case == case.name:
-                text = textwrap.wrap(finding.sentence, WIDTH - 2)
-                print(textwrap.indent('\n'.join(text), '  ').replace('  ', '* ', 1))
+                print(_wrapped(finding.sentence, '* '))
                 if finding.details:
-                    print(textwrap.indent(textwrap.fill(finding.details, WIDTH - 2), '  '))
+                    print(_wrapped(finding.details, '  '))
+
+
+def _wrapped(text: str, begin: str) -> str:
+    return textwrap.fill(text, WIDTH, initial_indent=begin, subsequent_indent='  ')

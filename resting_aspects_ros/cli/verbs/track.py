@@ -1,37 +1,14 @@
 """`resting_aspects track`: what passes the traps of a bowl or linear feeder."""
 
 import argparse
-from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from resting_aspects_ros.cli.life_cycle import (
-    DONE,
-    FAILED,
-    exit_code,
-    finish,
-    partial_result,
-    result_folder,
-    session,
-)
-from resting_aspects_ros.cli.options import (
-    add_conditions,
-    add_integer,
-    add_model_range,
-    add_out,
-    add_output,
-    add_part,
-    add_seed,
-    add_workers,
-    parse_integer,
-    requested_conditions,
-    requested_part,
-)
+from resting_aspects_ros.api.track import default_track, design_track, given_track, track
+from resting_aspects_ros.api.track_result import TrackResult
+from resting_aspects_ros.cli import life_cycle, options
+from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.input_files import parse_quantity
-
-if TYPE_CHECKING:
-    from resting_aspects_ros.api.track_result import TrackDesign, TrackResult
 
 DESCRIPTION = """Show how a part lies on the track of a bowl or linear feeder, which
 orientations pass the traps, and how many good parts per minute that gives; or
@@ -40,10 +17,8 @@ EXAMPLES = """examples:
   resting_aspects track hex_nut
   resting_aspects track hex_nut --on wiper_and_balcony --want 1
   resting_aspects track hex_nut --width 40mm --trap wiper:height=12.7mm --want 1
-  resting_aspects track hex_nut --on wiper_and_balcony --simulate 50
   resting_aspects track u_bracket --design --want 1 --tolerance 0.1mm --report
   resting_aspects track hex_nut --design --simulate 20 --speed 100mm/s
-  resting_aspects track my_part.stl --on my_track.yaml --json
 """
 DOCUMENT, ROWS, PICTURE = 'track.json', 'orientations.csv', 'orientations.png'
 # Flags of the track, the keys of its file, and what they are.
@@ -58,7 +33,7 @@ SURFACE = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    add_part(parser)
+    options.add_part(parser)
     parser.add_argument(
         '--on',
         metavar='TRACK',
@@ -81,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--want',
         action='append',
         metavar='ROW',
-        type=parse_integer,
+        type=options.parse_integer,
         default=[],
         help='row of the table (not an aspect) that the feeder shall deliver (1); can be repeated',
     )
@@ -90,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='propose traps that pass only the wanted orientation, after those that are given',
     )
-    add_integer(
+    options.add_integer(
         parser,
         '--simulate',
         'let N parts of each row run over the traps at the speed of the track (0); with '
@@ -105,57 +80,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='an action of config/actions.yaml that parts undergo before the traps, such as '
         'step_down; can be repeated',
     )
-    parser.add_argument(
-        '--tolerance', metavar='X', default='0', help='of the parts, half width (0)'
-    )
-    parser.add_argument('--trap-tolerance', metavar='X', default='0', help='of traps (0)')
-    add_integer(
+    options.add_number(parser, '--tolerance', 'm', 'of the parts, half width (0)', default='0')
+    options.add_number(parser, '--trap-tolerance', 'm', 'of traps (0)', default='0')
+    options.add_integer(
         parser, '--drops', 'number of drops for the shares of the aspects (2000)', default=2000
     )
-    add_seed(parser, 'result')
-    add_model_range(parser)
-    add_workers(parser)
-    add_out(
+    options.add_seed(parser, 'result')
+    options.add_model_range(parser)
+    options.add_workers(parser)
+    options.add_out(
         parser,
         f'write {DOCUMENT}, {ROWS} and {PICTURE} into this folder',
         'track.html, a page with all orientations and the track to scale',
     )
-    add_output(parser, each=False)
-    add_conditions(parser)
+    options.add_output(parser, each=False)
+    options.add_conditions(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate and show; returns the exit code. Raises RestingAspectsError for wrong input."""
-    with session(arguments) as started:
-        from resting_aspects_ros.api.track import default_track, design_track, given_track, track
-        from resting_aspects_ros.api.track_result import TrackDesign
-
-        part = requested_part(arguments)
+    with life_cycle.session(arguments) as started:
+        part = options.requested_part(arguments)
         described = _described(arguments)
         if arguments.on is not None:
             on = given_track(arguments.on)
         else:
             on = given_track({**default_track(part).document, **described})
-        out = result_folder(arguments, part.name, (DOCUMENT, ROWS, PICTURE))
-        options: dict[str, Any] = {
-            'simulate': arguments.simulate,
-            'before': arguments.before,
-            'drops': arguments.drops,
-            'surface': requested_conditions(arguments),
-            'tolerance': parse_quantity('--tolerance', arguments.tolerance, 'm'),
-            'trap_tolerance': parse_quantity('--trap-tolerance', arguments.trap_tolerance, 'm'),
-            'seed': arguments.seed,
-            'model_range': not arguments.no_model_range,
-            **started.options,
-        }
-        make: Callable[[], TrackResult | TrackDesign]
-        if arguments.design:
-            make = partial(design_track, part, arguments.want, on, **options)
-        else:
-            make = partial(track, part, on, arguments.want, **options)
-        result: TrackResult | TrackDesign
-        result, failure = partial_result(make)
-        finish(
+        out = life_cycle.result_folder(arguments, part.name, (DOCUMENT, ROWS, PICTURE))
+        same = ('simulate', 'before', 'drops', 'tolerance', 'trap_tolerance', 'seed')
+        requested = {name: getattr(arguments, name) for name in same}
+        requested['surface'] = options.requested_conditions(arguments)
+        requested['model_range'] = not arguments.no_model_range
+
+        def simulate() -> TrackResult:
+            if arguments.design:
+                return design_track(part, arguments.want, on, **requested, **started)
+            return track(part, on, arguments.want, **requested, **started)
+
+        result, failure = life_cycle.partial_result(simulate)
+        life_cycle.finish(
             arguments,
             out,
             (DOCUMENT, result.to_json),
@@ -163,22 +126,19 @@ def run(arguments: argparse.Namespace) -> int:
             partial(_show, result),
             result.report,
         )
-        drop = result.best.drop if isinstance(result, TrackDesign) else result.drop
-        has = f'{drop.distribution.drops} of {arguments.drops} drops'
-        code = exit_code(has, complete=result.complete, failure=failure)
-        if code == DONE and isinstance(result, TrackDesign) and not result.designs:
-            return FAILED
+        has = f'{result.drop.distribution.drops} of {arguments.drops} drops'
+        code = life_cycle.exit_code(has, started, failure)
+        if result.design is not None and not result.design.designs:
+            return code or life_cycle.FAILED
         return code
 
 
 def _described(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the keys of a track that the flags describe; raises InvalidValueError."""
-    given = {name: getattr(arguments, name) for name in SURFACE}
+    described: dict[str, Any] = {name: getattr(arguments, name) for name in SURFACE}
     wall = {'height': arguments.wall_height, 'friction': arguments.wall_friction}
-    described: dict[str, Any] = {name: text for name, text in given.items() if text is not None}
-    wall = {name: text for name, text in wall.items() if text is not None}
-    if wall:
-        described['wall'] = wall
+    described['wall'] = {name: text for name, text in wall.items() if text is not None} or None
+    described = {name: text for name, text in described.items() if text is not None}
     if arguments.trap:
         described['traps'] = [_trap(text) for text in arguments.trap]
     if described and arguments.on is not None:
@@ -204,9 +164,7 @@ def _trap(text: str) -> dict[str, str]:
     return trap
 
 
-def _show(result: 'TrackResult | TrackDesign') -> None:
-    from resting_aspects_ros.cli.console import show_table, show_texts
-
+def _show(result: TrackResult) -> None:
     for table in result.tables():
         show_table(table)
     show_texts(*result.sentences)

@@ -1,8 +1,8 @@
 """What the classifier knows of parts, of logs of earlier runs, and of transitions."""
 
+import dataclasses
 import re
 import time
-from collections import Counter
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
@@ -25,7 +25,7 @@ from resting_aspects_ros.logs.topics import (
 )
 from resting_aspects_ros.nodes.aspect_classifier.counting import Tallies, Tally
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import advertise, guarded_task, sleep_for
+from resting_aspects_ros.ros.callbacks import advertise, sleep_for
 from resting_aspects_ros.ros.conversions import (
     check_description,
     part_from,
@@ -33,8 +33,6 @@ from resting_aspects_ros.ros.conversions import (
     serialized_part,
     serialized_poses,
 )
-from resting_aspects_ros.ros.diagnostics import count_text
-from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import (
     check_numbering,
     check_transitions,
@@ -42,11 +40,11 @@ from resting_aspects_ros.ros.distribution_conversions import (
     serialized_transitions,
 )
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.health import TopicDiscovery, count_text
 from resting_aspects_ros.ros.interface import LATCHED, TRANSITIONS
 from resting_aspects_ros.ros.requests import NotAvailableError, unknown_part
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import Distribution
-from resting_aspects_ros.statistics.poses import RestingPoses
 
 # The parts of a simulator arrive one after another. Time without a new part after which all parts
 # have arrived, s.
@@ -63,36 +61,40 @@ def read_part(data: bytes, name: str) -> tuple[Part, AspectSet]:
     return part, find_aspects(part)
 
 
+@dataclasses.dataclass(eq=False)
+class _Offer:
+    """The newest description of a part.
+
+    digest : hash of the description, by which a repeated one is recognised
+    part : None while the description is being read, and if it cannot be used
+    problem : why it cannot be used
+    """
+
+    digest: bytes
+    part: Part | None = None
+    problem: str = ''
+
+
+@dataclasses.dataclass(eq=False)
 class PartRegistry:
     """The parts as currently described, and the aspects of every version received.
 
-    Parameters
-    ----------
     files : reads descriptions, so that a mesh cannot block the node
     changed : called with the part when a description has been read
     simulator_is_ready : returns whether a simulator offers parts
     check_ready : raises NotAvailableError while the node is not ready for requests
     """
 
-    def __init__(
-        self,
-        node: Node,
-        files: FileWorker,
-        changed: Callable[[Part], None],
-        simulator_is_ready: Callable[[], bool],
-        check_ready: Callable[[], None],
-    ) -> None:
-        self._node = node
-        self._files = files
-        self._changed = changed
-        self.simulator_is_ready = simulator_is_ready
-        self._check_ready = check_ready
-        self._newest: dict[str, bytes] = {}  # by name: the description that is being read
-        self._described: dict[str, bytes] = {}  # by name: hash of the description read last
-        self._parts: dict[str, Part] = {}
+    node: Node
+    files: FileWorker
+    changed: Callable[[Part], None]
+    simulator_is_ready: Callable[[], bool]
+    check_ready: Callable[[], None]
+
+    def __post_init__(self) -> None:
+        self._offers: dict[str, _Offer] = {}
         self._last: dict[str, Part] = {}  # by name, including parts that are no longer offered
         self._versions: dict[str, tuple[Part, AspectSet]] = {}
-        self._unusable: dict[str, tuple[str, str]] = {}  # by name: part_sha256, reason
         self._last_arrival = time.monotonic()
         self._simulator_was_ready = False
 
@@ -103,55 +105,37 @@ class PartRegistry:
         it can be read.
         """
         digest = sha256(data).digest()
-        if self._described.get(name) == digest:
+        if name in self._offers and self._offers[name].digest == digest:
             return
-        self._described[name] = digest
-        self._newest[name] = data
-        self._last_arrival = time.monotonic()
-        error: RestingAspectsError | None = None
+        self._offers[name] = offer = _Offer(digest)
         try:
-            part, aspects = await self._files.run(read_part, data, name)
-        except RestingAspectsError as raised:
-            error = raised
+            part, aspects = await self.files.run(read_part, data, name)
+        except RestingAspectsError as error:
+            offer.problem = f'part {name!r} cannot be used: {error}'
+            self.node.get_logger().warning(offer.problem)
+            return
         finally:
             self._last_arrival = time.monotonic()
-            newest = self._newest.get(name) is data
-            if newest:
-                del self._newest[name]
-        if error is None:
-            self._versions[part.part_sha256] = part, aspects
-            if newest:
-                self._unusable.pop(name, None)
-                self._parts[name] = self._last[name] = part
-                self._changed(part)
-        elif newest:
-            self._described.pop(name, None)
-            sha = deserialize_message(data, PartDescription).part_sha256
-            self._forget(name)
-            self._unusable[name] = sha, f'part {name!r} cannot be used: {error}'
-            self._node.get_logger().warning(self._unusable[name][1])
+        self._versions[part.part_sha256] = part, aspects
+        if self._offers.get(name) is offer:
+            offer.part = self._last[name] = part
+            self.changed(part)
 
     def remove(self, name: str) -> None:
         """Remove a part that is no longer offered; its aspects stay known."""
-        self._newest.pop(name, None)
-        self._described.pop(name, None)
-        self._forget(name)
-
-    def _forget(self, name: str) -> None:
-        self._parts.pop(name, None)
-        self._unusable.pop(name, None)
+        self._offers.pop(name, None)
 
     def get(self, name: str) -> Part | None:
         """Return the currently offered part of a name, or None."""
-        return self._parts.get(name)
+        return self._offers[name].part if name in self._offers else None
 
-    def offered(self) -> list[tuple[str, str]]:
-        """Return name and part_sha256 of each offered part, sorted."""
-        return sorted((name, part.part_sha256) for name, part in self._parts.items())
+    def offered(self) -> dict[str, Part]:
+        """Return the offered parts by name."""
+        return {name: each.part for name, each in self._offers.items() if each.part is not None}
 
-    def why_not(self, part_sha256: str) -> str:
-        """Return why a version of a part cannot be used; empty if no reason is known."""
-        return next((why for sha, why in self._unusable.values() if sha == part_sha256), '')
+    def problem(self, name: str) -> str:
+        """Return why an offered part cannot be used; empty if it can."""
+        return self._offers[name].problem if name in self._offers else ''
 
     def aspects(self, part_sha256: str) -> AspectSet | None:
         """Return the aspects of a version of a part, or None if it has not been read."""
@@ -169,19 +153,20 @@ class PartRegistry:
         Raises PartError if the part is offered but cannot be used, and NotAvailableError while the
         node is not ready.
         """
-        self._check_ready()
+        self.check_ready()
         while True:
             is_ready = self.simulator_is_ready()
             if is_ready and not self._simulator_was_ready:
                 self._last_arrival = time.monotonic()  # its parts are not discovered yet
             self._simulator_was_ready = is_ready
-            parts = self._parts if is_ready else self._last
-            if name in self._unusable:
-                raise PartError(self._unusable[name][1])
-            reading = name in self._newest or time.monotonic() - self._last_arrival < QUIET_PERIOD
-            if name in parts or not reading:
-                return dict(parts)
-            await sleep_for(self._node, CHECK_PERIOD)
+            if problem := self.problem(name):
+                raise PartError(problem)
+            parts = self.offered() if is_ready else dict(self._last)
+            is_read = name in self._offers and self._offers[name].part is None
+            is_quiet = time.monotonic() - self._last_arrival >= QUIET_PERIOD
+            if not is_read and (name in parts or is_quiet):
+                return parts
+            await sleep_for(self.node, CHECK_PERIOD)
 
     async def requested(self, name: str) -> Part:
         """Return a part by name; raises as ``usable``, or UnknownPartError with the parts."""
@@ -248,25 +233,22 @@ class TransitionStore:
         first one is waited for. Raises RestingAspectsError.
         """
         offered = await self._parts.usable(name)
-        of_part = self._of(name, offered[name].part_sha256 if name in offered else '')
+        sha = offered[name].part_sha256 if name in offered else ''
+        until = time.monotonic() + ARRIVAL
+        topic = self._discovery.topic(name)
+        while not (of_part := self._of(name, sha)) and self._node.count_publishers(topic):
+            if time.monotonic() > until:
+                break
+            await sleep_for(self._node, CHECK_PERIOD)
         is_ready = self._parts.simulator_is_ready()
         if name not in offered and (is_ready or (offered and not of_part)):
             raise unknown_part(name, offered)
-        topic, until = self._discovery.topic(name), time.monotonic() + ARRIVAL
-        while True:
-            known = [each for each in of_part if action in ('', each.action.name)]
-            if known:
-                return max(known, key=_order)
-            arrives = not of_part and self._node.count_publishers(topic)
-            if not arrives or time.monotonic() > until:
-                break
-            await sleep_for(self._node, CHECK_PERIOD)
-            of_part = self._of(name, offered[name].part_sha256 if name in offered else '')
-        actions = ', '.join(sorted(each.action.name for each in of_part))
+        known = [each for each in of_part if action in ('', each.action.name)]
+        if known:
+            return max(known, key=_order)
         asked = f' by action {shown(action)}' if action else ''
-        others = f'; known actions: {actions}' if actions else ''
         raise NotAvailableError(
-            f'no transitions of {shown(name)}{asked} are known, request reorient_part{others}'
+            f'no transitions of {shown(name)}{asked} are known, request reorient_part'
         )
 
     def _of(self, part: str, part_sha256: str = '') -> list[TransitionMatrix]:
@@ -301,9 +283,8 @@ def _order(message: TransitionMatrix) -> tuple[object, ...]:
     )
 
 
-# Limits for reading: number of logs (1000 take about 10 s), and total time, s.
+# Maximum number of logs that are read; they take about 10 s.
 MAX_LOGS = 1000
-MAX_SECONDS = 120.0
 # Maximum number of unusable logs that are listed with the reason.
 MAX_LISTED = 10
 # <part>_<start>_<run id>, see logs.writer.run_folder_name; _<number> may follow.
@@ -313,26 +294,15 @@ LoggedRun = tuple[RunDescription, Distribution]
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """Return the folders of logs: the newest of each part, then the second newest, and so on.
+    """Return the folders of logs, the newest first; runs in a FileWorker.
 
-    Runs in a FileWorker. The result is empty if the folder does not exist or cannot be read.
+    The result is empty if the folder does not exist or cannot be read.
     """
     try:
         found = [p for p in folder.iterdir() if _STARTED.search(p.name) and is_folder(p)]
     except OSError:
         return []  # no log has been written yet
-
-    def started(path: Path) -> str:
-        return str(_STARTED.findall(path.name)[-1])
-
-    newer: Counter[str] = Counter()  # by part: number of newer logs
-    rank: dict[Path, int] = {}
-    for path in sorted(found, key=lambda path: (started(path), path.name), reverse=True):
-        part = path.name[: path.name.rindex(f'_{started(path)}_')]
-        rank[path] = newer[part]
-        newer[part] += 1
-    # Sorting is stable: of logs with the same rank, the newest is first.
-    return sorted(rank, key=lambda path: rank[path])
+    return sorted(found, key=lambda p: (_STARTED.findall(p.name)[-1], p.name), reverse=True)
 
 
 def load_log(log: Path) -> LoggedRun | TransitionMatrix | None:
@@ -348,15 +318,12 @@ def load_log(log: Path) -> LoggedRun | TransitionMatrix | None:
             return None
         if not file.closed:
             raise LogError('it is not closed: repair it with "resting_aspects recover"')
-        if not file.has_index:
-            return _count_first_drops(log)
-        outcome = file.outcome
-        last = file.last(DISTRIBUTION_TYPE)
-        matrix = None if last is not None else file.last(TRANSITIONS_TYPE)
-    if matrix is not None:
-        return serialized_transitions(matrix)
-    if outcome is not None and outcome.whole and last is not None:
-        message = deserialize_message(last, AspectDistribution)
+        results = file.of_types([DISTRIBUTION_TYPE, TRANSITIONS_TYPE])
+        last = {each.type: each.data for each in results}
+    if DISTRIBUTION_TYPE not in last and TRANSITIONS_TYPE in last:
+        return serialized_transitions(last[TRANSITIONS_TYPE])
+    if file.outcome is not None and file.outcome.whole and DISTRIBUTION_TYPE in last:
+        message = deserialize_message(last[DISTRIBUTION_TYPE], AspectDistribution)
         if message.complete and message.aspect_numbering == ASPECT_NUMBERING:
             return run_from(message.run), distribution_from(message)
     return _count_first_drops(log)
@@ -376,104 +343,76 @@ def _count_first_drops(log: Path) -> LoggedRun:
     part = next((part for part in parts if part.part_sha256 == run.part_sha256), None)
     if part is None:
         raise LogError('it does not describe its part')
-    sequence = run.sequence()
-    for poses in RestingPoses.blocks(each for of, each in batches if of.sequence() == sequence):
-        if poses.first_drop <= run.first_drop < poses.end:
-            tally = Tally(run, waiting=[poses.between(run.first_drop, run.end)])
-            tally.count(part, find_aspects(part))
-            return run, tally.counted
-    raise LogError('it does not contain the first drops of its run')
+    tally = Tally(run)
+    for of, poses in batches:
+        if of.sequence() == tally.sequence:
+            tally.add(of, poses.between(run.first_drop, run.end), last=False)
+    tally.count(part, find_aspects(part))
+    if not tally.drops:
+        raise LogError('it does not contain the first drops of its run')
+    return run, tally.counted
 
 
+@dataclasses.dataclass(eq=False)
 class LogLoader:
-    """Reads the logs in a folder, up to MAX_LOGS: the newest of each part first.
+    """Reads the logs in a folder, the newest ones up to MAX_LOGS.
+
+    folder : of the logs; None: read nothing
+    files : reads the logs, so that a file cannot block the node
+    known, transitions : receive what is read
 
     ready : whether all logs have been read
     state : text describing the progress
-
-    Parameters
-    ----------
-    folder : folder of the logs; None: read nothing
-    files : reads the logs, so that a file cannot block the node
-    known : receives the distributions
-    transitions : receives the transition matrices
     """
 
-    def __init__(
-        self,
-        node: Node,
-        folder: Path | None,
-        files: FileWorker,
-        known: Tallies,
-        transitions: TransitionStore,
-    ) -> None:
-        self._node = node
-        self._folder = folder
-        self._files = files
-        self._known = known
-        self._transitions = transitions
-        self._unused: dict[str, str] = {}  # reasons by name
-        self._used = 0
+    node: Node
+    folder: Path | None
+    files: FileWorker
+    known: Tallies
+    transitions: TransitionStore
+
+    def __post_init__(self) -> None:
+        self._unused: list[str] = []  # names with reasons
         self.ready = False
         self.state = 'the logs of earlier runs are still being read'
 
     async def load(self, done: Callable[[], None]) -> None:
         """Read all logs, skipping unreadable ones, then call ``done``."""
-        await guarded_task(self._node, 'the logs of earlier runs were not read', self._load)()
-        self.ready = True
-        done()
-
-    async def _load(self) -> None:
-        if self._folder is None:
-            return
-        start = time.monotonic()
         try:
-            logs: list[Path] = await self._files.run(logs_in, self._folder)
+            if self.folder is not None:
+                await self._load(self.folder)
         except RestingAspectsError as error:
-            self._node.get_logger().warning(f'log_folder {str(self._folder)!r}: {error}')
-            return
-        skipped = len(logs[MAX_LOGS:])
+            self.node.get_logger().warning(f'log_folder {str(self.folder)!r}: {error}')
+        finally:
+            self.ready = True
+            done()
+
+    async def _load(self, folder: Path) -> None:
+        start = time.monotonic()
+        logs: list[Path] = await self.files.run(logs_in, folder)
         for k, log in enumerate(logs[:MAX_LOGS]):
-            if time.monotonic() - start > MAX_SECONDS:
-                skipped += len(logs[k:MAX_LOGS])
-                break
             self.state = f'{k} of {len(logs)} logs of earlier runs have been read, try again soon'
-            await self._read(log)
-        self._log_summary(len(logs), skipped, time.monotonic() - start)
+            try:
+                await self._read(log)
+            except RestingAspectsError as error:
+                self._unused.append(f'{printable(log.name)}: {error}')
+        logger = self.node.get_logger()
+        if logs:
+            logger.info(
+                f'{len(logs[:MAX_LOGS])} logs in {folder} read in {time.monotonic() - start:.1f} '
+                f's: {len(self.known)} distributions and {len(self.transitions)} transition '
+                'matrices are known'
+            )
+        if logs[MAX_LOGS:]:
+            logger.warning(f'the {len(logs[MAX_LOGS:])} oldest logs in {folder} are not read')
+        if self._unused:
+            number = count_text(len(self._unused), 'log', 'logs')
+            listed = '; '.join(self._unused[:MAX_LISTED])
+            logger.warning(f'{number} in {folder} cannot be used: {listed}')
 
     async def _read(self, log: Path) -> None:
-        try:
-            logged: LoggedRun | TransitionMatrix | None = await self._files.run(load_log, log)
-            if isinstance(logged, TransitionMatrix):
-                self._transitions.add(logged)
-            elif logged is not None:
-                self._known.add(*logged)
-            self._used += logged is not None
-        except RestingAspectsError as error:
-            self._unused[printable(log.name)] = str(error)
-
-    def _log_summary(self, logs: int, skipped: int, seconds: float) -> None:
-        if not logs:
-            return
-        known = count_text(len(self._known), 'distribution is', 'distributions are')
-        if matrices := len(self._transitions):
-            matrix = count_text(matrices, 'transition matrix', 'transition matrices')
-            known = f'{matrix} and {known}'
-        self._node.get_logger().info(
-            f'{self._used} of {count_text(logs, "log of an earlier run", "logs of earlier runs")} '
-            f'in {self._folder} read in {seconds:.1f} s: {known} known'
-        )
-        if skipped:
-            self._node.get_logger().warning(
-                f'{count_text(skipped, "log", "logs")} in {self._folder} not read: the limit is '
-                f'{MAX_LOGS} logs or {MAX_SECONDS:g} s, newest logs of each part first'
-            )
-        if self._unused:
-            named = list(self._unused.items())[:MAX_LISTED]
-            more = len(self._unused) - len(named)
-            unused = count_text(len(self._unused), 'log', 'logs')
-            self._node.get_logger().warning(
-                f'{unused} in {self._folder} cannot be used: '
-                + '; '.join(f'{name}: {why}' for name, why in named)
-                + (f'; and {more} more' if more else '')
-            )
+        logged: LoggedRun | TransitionMatrix | None = await self.files.run(load_log, log)
+        if isinstance(logged, TransitionMatrix):
+            self.transitions.add(logged)
+        elif logged is not None:
+            self.known.add(*logged)

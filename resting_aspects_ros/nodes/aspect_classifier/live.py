@@ -26,9 +26,9 @@ from resting_aspects_ros.ros.count_conversions import (
     time_label,
     totals_from,
 )
-from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import transition_matrix_from
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.health import TopicDiscovery
 from resting_aspects_ros.ros.interface import COUNTS, LATCHED, OBSERVED_COUNTS, POSTERIOR
 from resting_aspects_ros.ros.program import Parameter
 from resting_aspects_ros.simulation.job import RunDescription
@@ -37,7 +37,6 @@ from resting_aspects_ros.statistics.counted_parts import (
     BatchSeries,
     CountSessions,
     LiveCounts,
-    ObservedCounts,
 )
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.drift import (
@@ -54,8 +53,6 @@ from resting_aspects_ros.statistics.transitions import no_actions
 # Maximum number of messages that wait for their part; they contain totals.
 MAX_WAITING = 100
 
-Known = tuple[RunDescription, Distribution]
-
 
 @dataclass(eq=False)
 class LivePart:
@@ -64,6 +61,7 @@ class LivePart:
     known : the run of the simulated drops and their distribution; None: no drops are known
     window : minimum number of parts in a window; 0 while it is not known
     tested : the test of the windows; None before the first full window
+    attempted : number of parts in the windows that were tested last, or failed to be
     problem : why the last message was refused; empty if it was not
     test_problem : why drift is not tested; empty if it is
     changed : whether there is something new to be published
@@ -73,18 +71,13 @@ class LivePart:
     aspects: AspectSet
     sessions: CountSessions
     batches: BatchSeries = field(default_factory=BatchSeries)
+    known: tuple[RunDescription, Distribution] | None = None
     window: int = 0
-    known: Known | None = None
     tested: DriftTest | None = None
+    attempted: int = 0
     problem: str = ''
     test_problem: str = ''
     changed: bool = False
-    _attempted: int = 0  # number of parts in the windows that were tested last, or failed to be
-
-    @classmethod
-    def of(cls, part: Part, aspects: AspectSet) -> 'LivePart':
-        """Return a part of which nothing has been counted."""
-        return cls(part, aspects, CountSessions(len(aspects.classes())))
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -92,21 +85,16 @@ class LivePart:
         return tuple(members[0].symmetry_class for members in self.aspects.classes())
 
     @property
-    def simulated(self) -> Counts:
-        """(c,) simulated drops; one of each class if none are known, as a prior."""
-        if self.known is None:
-            return np.ones(len(self.ids), dtype=np.int64)
-        return self.known[1].by_class().counts
-
-    @property
     def can_drift(self) -> bool:
         """Whether there are drops to compare with, and more than one class."""
-        return self.known is not None and len(self.ids) > 1 and bool(self.simulated.any())
+        return self.known is not None and bool(self.known[1].counts.any()) and len(self.ids) > 1
 
     @property
-    def is_tested(self) -> bool:
-        """Whether all full windows have been tested; a test that failed is not repeated."""
-        return self.batches.parts - self._attempted < max(self.window, 1)
+    def simulated(self) -> Counts:
+        """(c,) simulated drops; one of each class if none is known, as a prior."""
+        if self.known is None or not self.known[1].counts.any():
+            return np.ones(len(self.ids), dtype=np.int64)
+        return self.known[1].by_class().counts
 
     @property
     def is_drifting(self) -> bool:
@@ -118,25 +106,7 @@ class LivePart:
 
     def live(self, weight: float) -> LiveCounts:
         """Return the counts with the simulation as the prior of a weight, in parts."""
-        simulated = self.simulated
-        if not simulated.any():  # no drop came to rest in an aspect
-            simulated = np.ones_like(simulated)
-        return LiveCounts(self.ids, simulated, self.sessions.supplied, weight)
-
-    def follow(self, known: Known) -> None:
-        """Compare the counts with other simulated drops from now on."""
-        self.known, self.tested, self.test_problem, self.changed = known, None, '', True
-        self._attempted = 0
-
-    def observed(self) -> ObservedCounts:
-        """Return the batches to be tested now, which do not change meanwhile."""
-        found = self.batches.observed(single_groups(self.ids), time_label)
-        self._attempted = int(found.windows(self.window)[1][-1])
-        return found
-
-    def add_test(self, test: DriftTest) -> None:
-        """Take a test; further windows may have become full since it began."""
-        self.tested, self.test_problem, self.changed = test, '', True
+        return LiveCounts(self.ids, self.simulated, self.sessions.supplied, weight)
 
 
 def default_window(simulated: Counts, level: float) -> int:
@@ -177,45 +147,34 @@ LIVE_PARAMETERS = (
 )
 
 
+@dataclass(eq=False)
 class LiveMonitor:
     """Subscribes to observed_counts/*, publishes posterior/<part>, and tests drift.
 
-    Parameters
-    ----------
-    known : the simulated drops
-    transitions : the simulated transitions
     worker : tests drift, so that it does not block the node
     """
 
-    def __init__(
-        self,
-        node: Node,
-        parts: PartRegistry,
-        known: Tallies,
-        transitions: TransitionStore,
-        worker: FileWorker,
-    ) -> None:
-        self._node = node
-        self._parts = parts
-        self._known = known
-        self._transitions = transitions
-        self._worker = worker
+    node: Node
+    parts: PartRegistry
+    known: Tallies
+    transitions: TransitionStore
+    worker: FileWorker
+
+    def __post_init__(self) -> None:
         self._weight, self._window, self._level = (
-            node.get_parameter(each.name).value for each in LIVE_PARAMETERS
+            self.node.get_parameter(each.name).value for each in LIVE_PARAMETERS
         )
         self._live: dict[str, LivePart] = {}
         self._waiting: deque[tuple[str, ObservedCountsMsg]] = deque(maxlen=MAX_WAITING)
-        self._topics = PartTopics(node, Posterior, POSTERIOR, LATCHED)
+        self._topics = PartTopics(self.node, Posterior, POSTERIOR, LATCHED)
         self._updating = False
-        TopicDiscovery(node, OBSERVED_COUNTS, ObservedCountsMsg, self._receive, qos=COUNTS)
-        self._timer = WorkTimer(node, PERIOD, 'counts are not used', self._start_update)
+        TopicDiscovery(self.node, OBSERVED_COUNTS, ObservedCountsMsg, self._receive, qos=COUNTS)
+        self._timer = WorkTimer(self.node, PERIOD, 'counts are not used', self._start_update)
 
-    def counts(
-        self, name: str, part_sha256: str
-    ) -> tuple[LiveCounts, Mapping[str, Counts]] | None:
+    def counts(self, part: Part) -> tuple[LiveCounts, Mapping[str, Counts]] | None:
         """Return what was counted of a version of a part, and moved by action; None: nothing."""
-        live = self._live.get(name)
-        if live is None or live.part.part_sha256 != part_sha256:
+        live = self._live.get(part.name)
+        if live is None or live.part.part_sha256 != part.part_sha256:
             return None
         return live.live(self._weight), live.sessions.moved
 
@@ -236,15 +195,12 @@ class LiveMonitor:
         return found + [f'counts of {name} wait: no such part is offered' for name in waiting]
 
     def _receive(self, name: str, message: ObservedCountsMsg) -> None:
+        self._waiting.append((name, message))
+        self._take_waiting()
         self._timer.start()
-        self._take_waiting()  # those of the part arrived before
-        if (live := self._current(name)) is None:
-            self._waiting.append((name, message))
-        else:
-            self._take(live, message)
 
     def _take_waiting(self) -> None:
-        """Take the messages that waited for a part that is offered now, in their order."""
+        """Take the messages of parts that are offered, in their order; the others wait."""
         waiting, self._waiting = self._waiting, deque(maxlen=MAX_WAITING)
         for name, message in waiting:
             live = self._current(name)
@@ -255,27 +211,28 @@ class LiveMonitor:
 
     def _current(self, name: str) -> LivePart | None:
         """Return the state of the offered version of a part; None if it is not known yet."""
-        offered, live = self._parts.get(name), self._live.get(name)
+        offered, live = self.parts.get(name), self._live.get(name)
         if offered is None or (live and live.part.part_sha256 == offered.part_sha256):
             return live  # without a simulator, no part is offered
         if live is not None:
-            self._node.get_logger().warning(
+            self.node.get_logger().warning(
                 f'{name} has changed (part_sha256 {offered.part_sha256}): its '
                 f'{live.sessions.parts} counted parts are forgotten'
             )
-        self._live[name] = LivePart.of(*self._parts.version(offered.part_sha256))
+        part, aspects = self.parts.version(offered.part_sha256)
+        self._live[name] = LivePart(part, aspects, CountSessions(len(aspects.classes())))
         return self._live[name]
 
     def _take(self, live: LivePart, message: ObservedCountsMsg) -> None:
         """Add the parts of a message; a message that is not valid changes nothing."""
-        now = int(self._node.get_clock().now().nanoseconds)
+        now = int(self.node.get_clock().now().nanoseconds)
         name = live.part.name
         try:
             totals = totals_from(message, name, live.part.part_sha256)
             new = live.sessions.add(totals, now)
         except InvalidValueError as error:
             if live.problem != str(error):
-                self._node.get_logger().warning(f'ignored counts of {name}: {error}')
+                self.node.get_logger().warning(f'ignored counts of {name}: {error}')
             live.problem = str(error)
             return
         live.problem = ''
@@ -287,12 +244,12 @@ class LiveMonitor:
         self._take_waiting()
         if self._live and not self._updating:
             self._updating = True
-            start_task(self._node, 'posteriors are not published', self._update_all)
+            start_task(self.node, 'posteriors are not published', self._update_all)
         return bool(self._live or self._waiting)
 
     async def _update_all(self) -> None:
         for name in list(self._live):
-            update = guarded_task(self._node, 'a posterior is not published', self._update_part)
+            update = guarded_task(self.node, 'a posterior is not published', self._update_part)
             await update(name)
         self._updating = False
 
@@ -300,27 +257,35 @@ class LiveMonitor:
         """Follow the newest simulation, test the new windows, and publish a changed posterior."""
         live = self._current(name)
         assert live is not None  # the name is known
-        newest = self._known.newest(live.part.part_sha256, ended=True)
+        newest = self.known.newest(live.part.part_sha256, ended=True)
         was_drifting = live.is_drifting
         try:
             if newest and (live.known is None or newest.counted is not live.known[1]):
-                live.follow((newest.run, newest.counted))
+                live.known, live.tested, live.attempted = (newest.run, newest.counted), None, 0
+                live.test_problem, live.changed = '', True
                 size = self._window
                 if live.can_drift and not size:
-                    size = await self._worker.run(default_window, live.simulated, self._level)
+                    size = await self.worker.run(default_window, live.simulated, self._level)
                 live.window = size
-            if live.can_drift and not live.is_tested:
-                test = await self._worker.run(
-                    drift_test, live.observed(), live.simulated, live.window, self._level
-                )
-                live.add_test(test)
+            untested = live.batches.parts - live.attempted
+            if live.can_drift and untested >= max(live.window, 1):  # a failed test is not repeated
+                await self._test(live)
         except RestingAspectsError as error:  # the posterior is published in any case
             live.test_problem = f'drift is not tested: {error}'
-            self._node.get_logger().warning(f'{live.part.name}: {live.test_problem}')
+            self.node.get_logger().warning(f'{live.part.name}: {live.test_problem}')
         if live.is_drifting and live.tested is not None and not was_drifting:
-            self._node.get_logger().warning(f'{live.part.name}: {drift_sentence(live.tested)}')
+            self.node.get_logger().warning(f'{live.part.name}: {drift_sentence(live.tested)}')
         if live.changed and self._live[name] is live:
             self._publish(name, live)
+
+    async def _test(self, live: LivePart) -> None:
+        """Test all full windows; further ones can become full meanwhile."""
+        observed = live.batches.observed(single_groups(live.ids), time_label)
+        live.attempted = int(observed.windows(live.window)[1][-1])
+        live.tested = await self.worker.run(
+            drift_test, observed, live.simulated, live.window, self._level
+        )
+        live.test_problem, live.changed = '', True
 
     def _publish(self, name: str, live: LivePart) -> None:
         live.changed = False
@@ -330,17 +295,14 @@ class LiveMonitor:
             live.live(self._weight),
             live.known[0] if live.known else None,
             CONFIDENCE,
-            self._node.get_clock().now().to_msg(),
+            self.node.get_clock().now().to_msg(),
         )
         message.level = self._level
         message.window = live.window if live.can_drift else 0
         if live.tested is not None:
             add_drift(message, live.tested)
-        self._add_moved(message, live)
-        self._topics.publish(name, message)
-
-    def _add_moved(self, message: Posterior, live: LivePart) -> None:
         for action, counts in live.sessions.moved.items():
-            known = self._transitions.find(live.part.name, live.part.part_sha256, action)
+            known = self.transitions.find(name, live.part.part_sha256, action)
             matrix = transition_matrix_from(known) if known else no_actions(live.aspects)
             add_action(message, action, counts, matrix, known.run.run_id if known else '')
+        self._topics.publish(name, message)

@@ -35,10 +35,14 @@ from resting_aspects_ros.nodes.aspect_classifier.services import (
 )
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import start_task, steady_timer
-from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.discovery import DuplicateNodeDetector, TopicDiscovery
 from resting_aspects_ros.ros.file_worker import FileWorker
 from resting_aspects_ros.ros.goal_client import DropClient
+from resting_aspects_ros.ros.health import (
+    Diagnosis,
+    DuplicateNodeDetector,
+    TopicDiscovery,
+    publish_diagnostics,
+)
 from resting_aspects_ros.ros.interface import (
     ASPECT_CLASSIFIER,
     CLASSIFY_POSE,
@@ -79,9 +83,7 @@ class AspectClassifier(Node):
     surroundings_markers and current_poses, and known transitions/<part>. Serves
     get_distribution, get_transitions, classify_pose, identify_part and forecast.
 
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
+    options : of rclpy.node.Node
     """
 
     def __init__(self, **options: Any) -> None:
@@ -101,7 +103,7 @@ class AspectClassifier(Node):
         self._outputs = DistributionPublisher(self, self._parts, self._files)
         self._ranges = ModelRanges(self, self._parts, surfaces, self._worker)
         self._counter = DropCounter(
-            self, self._parts, self._known, self._outputs, self._logs, self._client, self._ranges
+            self, self._parts, self._known, self._outputs, self._client, self._ranges
         )
         DistributionService(
             self,
@@ -142,8 +144,8 @@ class AspectClassifier(Node):
 
     def _on_logs_read(self) -> None:
         """Publish known results and diagnostics, and log that the node is ready."""
-        for name, part_sha256 in self._parts.offered():
-            self._publish_known(name, part_sha256)
+        for part in self._parts.offered().values():
+            self._publish_known(part)
         publish_diagnostics(self, self._diagnose, DuplicateNodeDetector(self, ASPECT_CLASSIFIER))
         self.get_logger().info('ready')
 
@@ -164,31 +166,26 @@ class AspectClassifier(Node):
                 f'ignored the log of run {run.run_id}: its aspects are not those of {part.name}'
             )
         self._outputs.topics.offer(part.name)  # before the first run, so that no message is missed
-        self._publish_known(part.name, part.part_sha256)
+        self._publish_known(part)
         self._counter.part_changed(part.part_sha256)
 
-    def _publish_known(self, name: str, part_sha256: str) -> None:
+    def _publish_known(self, part: Part) -> None:
         """Publish the results of earlier runs, unless newer ones are published, and outlines."""
         if not self._logs.ready:
             return
-        self._outlines.update(name, part_sha256)
-        if (known := self._known.newest(part_sha256)) is not None:
+        self._outlines.update(part)
+        if (known := self._known.newest(part.part_sha256)) is not None:
             start_task(self, 'an earlier distribution is not published', self._restore, known)
-        self._transitions.publish(name)
+        self._transitions.publish(part.name)
 
     async def _restore(self, known: Tally) -> None:
         await self._ranges.add(known)
         self._outputs.restore(known)
 
     def _diagnose(self) -> Diagnosis:
-        values = {
-            **self._counter.values(),
-            'distributions known': len(self._known),
-            'transition matrices known': len(self._transitions),
-            'parts counted': self._monitor.counted,
-        }
-        warnings = [*self._counter.warnings(), *self._monitor.warnings()]
-        return Diagnosis(self._counter.state, values, warnings)
+        found = self._counter.diagnose()
+        values = {**found.values, 'parts counted': self._monitor.counted}
+        return Diagnosis(found.state, values, [*found.warnings, *self._monitor.warnings()])
 
     def _newest(self, part_sha256: str) -> Distribution | None:
         """Return the distribution of a part that is published."""

@@ -20,13 +20,13 @@ from resting_aspects_ros.errors import InvalidValueError, PartError, RestingAspe
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.ros.callbacks import PartTopics, await_future, guarded_task, start_task
-from resting_aspects_ros.ros.file_worker import FileWorker
-from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, OUTLINES
-from resting_aspects_ros.ros.outline_conversions import (
+from resting_aspects_ros.ros.conversions import (
     candidate_msg,
     outlines_msg,
     polygon_from,
 )
+from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.interface import IDENTIFY_PART, LATCHED, OUTLINES
 from resting_aspects_ros.ros.requests import NotAvailableError, serve
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.vision.camera import Pinhole, surface_pinhole
@@ -59,47 +59,39 @@ class _Entry:
         the shares of the basins
     """
 
-    part_sha256: str
+    part: Part
     known: KnownPart | None = None
     problem: str = ''
     counted: Distribution | None = None
 
 
+@dataclasses.dataclass(eq=False)
 class OutlineStore:
     """Computes the outlines of the offered parts one after another, and publishes them.
 
-    Parameters
-    ----------
     files : computes, so that a large mesh cannot block the node
     newest : returns the newest distribution of a version of a part by its part_sha256, or None
     """
 
-    def __init__(
-        self,
-        node: Node,
-        files: FileWorker,
-        parts: PartRegistry,
-        newest: Callable[[str], Distribution | None],
-    ) -> None:
-        self._node = node
-        self._files = files
-        self._parts = parts
-        self._newest = newest
-        self._entries: dict[str, _Entry] = {}  # by name
-        self._waiting: dict[str, str] = {}  # part_sha256 by name
-        self._computing = False
-        self._topics = PartTopics(node, PartOutlines, OUTLINES, LATCHED)
+    node: Node
+    files: FileWorker
+    parts: PartRegistry
+    newest: Callable[[str], Distribution | None]
 
-    def update(self, name: str, part_sha256: str) -> None:
+    def __post_init__(self) -> None:
+        self._entries: dict[str, _Entry] = {}  # by name, those to be computed last
+        self._waiting: list[_Entry] = []
+        self._topics = PartTopics(self.node, PartOutlines, OUTLINES, LATCHED)
+
+    def update(self, part: Part) -> None:
         """Compute and publish the outlines of a version of a part, unless they are published."""
-        known = self._entries.get(name)
-        if known is not None and known.part_sha256 == part_sha256:
-            self._waiting.pop(name, None)  # an earlier version is offered again
+        known = self._entries.get(part.name)
+        if known is not None and known.part.part_sha256 == part.part_sha256:
             return
-        self._waiting[name] = part_sha256
-        if not self._computing:
-            self._computing = True
-            start_task(self._node, 'no outlines', self._compute_all)
+        entry = self._entries[part.name] = _Entry(part)
+        self._waiting.append(entry)
+        if len(self._waiting) == 1:
+            start_task(self.node, 'no outlines', self._compute_all)
 
     def known_part(self, part: Part) -> KnownPart:
         """Return the outlines of a part with the current prior shares of its classes.
@@ -107,13 +99,14 @@ class OutlineStore:
         Raises NotAvailableError while they are computed, and PartError if they cannot be.
         """
         entry = self._entries.get(part.name)
-        if entry is None or entry.part_sha256 != part.part_sha256:
+        is_current = entry is not None and entry.part.part_sha256 == part.part_sha256
+        if entry is None or not is_current or not (entry.known or entry.problem):
             raise NotAvailableError(
                 f'the outlines of {part.name} are being computed, try again soon'
             )
         if entry.known is None:
             raise PartError(entry.problem)
-        newest = self._newest(part.part_sha256)
+        newest = self.newest(part.part_sha256)
         if newest is not entry.counted and newest is not None:
             shares = class_shares(entry.known.outlines, newest.counts + PSEUDO_COUNT)
             entry.known = dataclasses.replace(entry.known, shares=shares)
@@ -122,29 +115,25 @@ class OutlineStore:
 
     async def _compute_all(self) -> None:
         while self._waiting:
-            name = next(iter(self._waiting))
-            sha = self._waiting.pop(name)
-            compute = guarded_task(self._node, f'no outlines of {name}', self._compute)
-            await compute(name, sha)
-        self._computing = False
+            entry = self._waiting[0]
+            compute = guarded_task(self.node, f'no outlines of {entry.part.name}', self._compute)
+            await compute(entry)
+            self._waiting.pop(0)
 
-    async def _compute(self, name: str, part_sha256: str) -> None:
+    async def _compute(self, entry: _Entry) -> None:
         """Compute the outlines of a part, and publish them when they have been compared."""
-        part, aspects = self._parts.version(part_sha256)
-        entry = _Entry(part_sha256)
+        part, name = entry.part, entry.part.name
+        _, aspects = self.parts.version(part.part_sha256)
         outlines: tuple[Outline, ...] = ()
         try:
-            outlines = await self._files.run(checked_outlines, part, aspects)
+            outlines = await self.files.run(checked_outlines, part, aspects)
             basins = class_shares(outlines, [each.basin_share for each in aspects])
             entry.known = KnownPart(part, aspects, outlines, basins)
         except RestingAspectsError as error:
             entry.problem = f'the outlines of {name} cannot be computed: {error}'
-            self._node.get_logger().warning(entry.problem)
-        if self._is_outdated(part):
-            return
-        self._entries[name] = entry
+            self.node.get_logger().warning(entry.problem)
         compared = await self._compared(name, outlines)
-        if not self._is_outdated(part):
+        if self._entries[name] is entry:  # otherwise the part has changed
             self._topics.publish(name, outlines_msg(part, outlines, compared))
 
     async def _compared(
@@ -157,19 +146,14 @@ class OutlineStore:
         found: dict[int, list[LookAlike]] = {each.symmetry_class: [] for each in outlines}
         try:
             for k, one in enumerate(outlines[:-1], start=1):
-                for other in await self._files.run(compare_outlines, one, outlines[k:]):
+                for other in await self.files.run(compare_outlines, one, outlines[k:]):
                     found[one.symmetry_class].append(other)
                     back = dataclasses.replace(other, symmetry_class=one.symmetry_class)
                     found[other.symmetry_class].append(back)
         except RestingAspectsError as error:
-            self._node.get_logger().warning(f'the outlines of {name} are not compared: {error}')
+            self.node.get_logger().warning(f'the outlines of {name} are not compared: {error}')
             return {number: [] for number in found}
         return {k: sorted(each, key=lambda a: -a.overlap) for k, each in found.items()}
-
-    def _is_outdated(self, part: Part) -> bool:
-        """Return whether another version of a part has been offered since."""
-        offered = self._parts.get(part.name)
-        return offered is not None and offered.part_sha256 != part.part_sha256
 
 
 def class_shares(outlines: Sequence[Outline], by_aspect: npt.ArrayLike) -> Array:
@@ -189,12 +173,7 @@ THREADS = 2
 
 
 class IdentificationService:
-    """Serves identify_part.
-
-    Parameters
-    ----------
-    outlines : the outlines of the parts, with their prior shares
-    """
+    """Serves identify_part."""
 
     def __init__(self, node: Node, parts: PartRegistry, outlines: OutlineStore) -> None:
         self._node = node

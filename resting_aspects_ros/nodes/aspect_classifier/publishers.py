@@ -1,39 +1,40 @@
 """Publishers of the classifier: distributions, markers for RViz, and the newest poses."""
 
-import dataclasses
-from collections.abc import Callable, Sequence
-from typing import Any
+import math
+from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion, Vector3
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
-from resting_aspects_interfaces.msg import AspectDistribution, SurroundingsDescription
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    SurroundingsBody,
+    SurroundingsDescription,
+)
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from resting_aspects_ros.api.conditions import scene_of
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.support import ContactPlane
 from resting_aspects_ros.nodes.aspect_classifier.counting import Tally
 from resting_aspects_ros.nodes.aspect_classifier.known import PartRegistry
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.format import aspect_colour, probability_text, rgb
-from resting_aspects_ros.report.picture import aspect_poses, message_faces
+from resting_aspects_ros.report.picture import aspect_poses, message_part, plane_patch
 from resting_aspects_ros.ros.callbacks import PartTopics, WorkTimer, advertise, start_task
 from resting_aspects_ros.ros.conversions import (
     check_surroundings,
     message_from,
     pose_msg,
-    serialized_surroundings,
-    surroundings_of,
-    triangles_in_tray,
     xyz,
 )
-from resting_aspects_ros.ros.discovery import TopicDiscovery
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.ros.file_worker import FileWorker
+from resting_aspects_ros.ros.health import TopicDiscovery
 from resting_aspects_ros.ros.interface import (
     ASPECT_DISTRIBUTIONS,
     CURRENT_POSES,
@@ -45,9 +46,7 @@ from resting_aspects_ros.ros.interface import (
     SURROUNDINGS_QOS,
 )
 from resting_aspects_ros.ros.program import FRAME_ID, Parameter, check_frame, on_change
-from resting_aspects_ros.simulation.conditions import DropConditions
 from resting_aspects_ros.simulation.job import RunDescription
-from resting_aspects_ros.simulation.scene import HalfSpace, MeshBody, Scene, SceneBody
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
@@ -69,12 +68,13 @@ class PartMarkers:
     def __init__(self, part: Part, aspects: AspectSet, frame: str = FRAME) -> None:
         self._frame = frame
         self._delete_all = Marker(action=Marker.DELETEALL)
-        triangles = part.vertices[message_faces(part, aspects)].reshape(-1, 3)
+        shown = message_part(part, len(aspects))
+        triangles = shown.vertices[shown.faces].reshape(-1, 3)
         points = [Point(**xyz(point)) for point in triangles]
         self._meshes, self._texts = [], []
-        for one, aspect in zip(aspect_poses(part, aspects), aspects, strict=True):
+        for one, aspect in zip(aspect_poses(shown, aspects), aspects, strict=True):
             pose, (x, y, _) = pose_msg(one.position, one.orientation), one.centre_of_mass.tolist()
-            mesh = _mesh(MESHES, aspect.id, aspect_colour(aspect), points, pose=pose)
+            mesh = _mesh(MESHES, aspect.id, aspect_colour(aspect), 1.0, points, pose)
             z, size = one.top + ABOVE * part.hull_radius, LETTERS * part.hull_radius
             self._meshes.append(mesh)
             self._texts.append(_text(TEXTS, aspect.id, x, y, z, size))
@@ -105,17 +105,19 @@ def labels(distribution: Distribution) -> list[str]:
     ]
 
 
-def _mesh(name: str, number: int, colour: str, points: list[Point], **fields: Any) -> Marker:
+def _mesh(
+    name: str, number: int, colour: str, opacity: float, points: list[Point], pose: Pose
+) -> Marker:
     """Return the marker of triangles, whose corners are the points one after another."""
     return Marker(
         ns=name,
         id=number,
         type=Marker.TRIANGLE_LIST,
         action=Marker.ADD,
+        pose=pose,
         scale=Vector3(x=1.0, y=1.0, z=1.0),
-        color=_colour(colour, fields.pop('opacity', 1.0)),
+        color=_colour(colour, opacity),
         points=points,
-        **fields,
     )
 
 
@@ -145,153 +147,94 @@ NAME_LETTERS = 0.5
 # Grey, so that the coloured parts stand out; transparent, since parts can be behind a wall.
 COLOURS = ('#9A9A9A', '#7F8FA6', '#A69A7F', '#8FA67F', '#A67F8F')
 OPACITY = 0.6
-# Maximum number of descriptions that are kept for their meshes.
+# Maximum number of descriptions that are kept.
 MAX_KEPT = 10
 
 
-def plane_patch(plane: Array, others: Sequence[Array], size: float) -> Array:
-    """Return the corners (n, 3) of a patch of a plane in front of the other planes.
-
-    Parameters
-    ----------
-    plane, others : (4,) float
-        Coefficients a, b, c, d of the half-spaces ``a x + b y + c z + d <= 0``, unit normals.
-    size : float
-        Half the length of the patch, m; its centre is the point next to the origin.
-    """
-    normal, offset = plane[:3], -plane[3]
-    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
-    corners = np.array(
-        [
-            offset * normal + size * (s * first + t * second)
-            for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        ]
-    )
-    for other in others:
-        corners = _in_front(corners, other)
-    return corners
-
-
-def surroundings_markers(scene: Scene, radius: float, frame: str) -> MarkerArray:
+def surroundings_markers(message: SurroundingsDescription, radius: float) -> MarkerArray:
     """Return the markers of surroundings for a part of a hull radius, m."""
     planes = {
-        k: np.array([*scene.in_tray(body.normal[None])[0], -body.offset])
-        for k, body in enumerate(scene.bodies)
-        if isinstance(body, HalfSpace)
+        k: ContactPlane(body.name, np.array(body.plane[0].coef[:3]), -body.plane[0].coef[3])
+        for k, body in enumerate(message.bodies)
+        if body.plane
     }
     markers = [Marker(action=Marker.DELETEALL)]
-    for k, body in enumerate(scene.bodies):
+    for k, body in enumerate(message.bodies):
         if k in planes:
             others = [plane for other, plane in planes.items() if other != k]
-            corners = plane_patch(planes[k], others, PATCH * radius)
-            triangles = np.array([corners[[0, i, i + 1]] for i in range(1, len(corners) - 1)])
+            corners, faces = plane_patch(planes[k], others, np.zeros(3), PATCH * radius)
+            points = [Point(**xyz(corner)) for corner in corners[faces].reshape(-1, 3)]
         else:
-            triangles = triangles_in_tray(scene, body)
-        if len(triangles):
-            markers += _body_markers(k, body, triangles.reshape(-1, 3), radius)
+            (mesh,) = body.mesh
+            points = [mesh.vertices[i] for each in mesh.triangles for i in each.vertex_indices]
+        if points:
+            markers += _body_markers(k, body, points, NAME_LETTERS * radius)
     for marker in markers:
-        marker.header = Header(frame_id=frame)
+        marker.header = Header(frame_id=message.header.frame_id)
     return MarkerArray(markers=markers)
 
 
-def serialized_markers(
-    part: Part, conditions: DropConditions, description: bytes | None, frame: str
-) -> bytes:
-    """Return the serialized markers of the surroundings of a run; runs in a FileWorker.
-
-    ``description`` is a serialized SurroundingsDescription, which a mesh surface needs.
-    """
-    if description is not None:
-        around = serialized_surroundings(description)
-        conditions = dataclasses.replace(conditions, surroundings=around)
-    scene = scene_of(part, conditions)
-    return bytes(serialize_message(surroundings_markers(scene, part.hull_radius, frame)))
+def serialized_markers(description: bytes, radius: float) -> bytes:
+    """Return the serialized markers of a serialized description; runs in a FileWorker."""
+    return bytes(serialize_message(surroundings_markers(message_from(description), radius)))
 
 
 class SurroundingsMarkers:
     """Publishes surroundings_markers: the surroundings of the run whose distribution changed last.
 
-    Parameters
-    ----------
     files : creates the markers, so that a mesh cannot block the node
     """
 
-    def __init__(self, node: Node, parts: PartRegistry, files: FileWorker, frame: str) -> None:
+    def __init__(self, node: Node, parts: PartRegistry, files: FileWorker) -> None:
         self._node = node
         self._parts = parts
         self._files = files
-        self._frame = frame
         self._publisher = advertise(node, MarkerArray, SURROUNDINGS_MARKERS, LATCHED)
-        self._descriptions: dict[str, bytes] = {}  # of meshes, by the key of the surroundings
+        self._descriptions: dict[str, bytes] = {}  # by run id
         self._wanted: RunDescription | None = None
-        self._shown: tuple[str, str] = '', ''  # part_sha256 and surroundings
+        self._shown = b''  # the description
         TopicDiscovery(
             node, SURROUNDINGS, SurroundingsDescription, self._take, raw=True, qos=SURROUNDINGS_QOS
         )
 
     def show(self, run: RunDescription) -> None:
-        """Publish the markers for a run, unless they are published already."""
+        """Publish the markers for a run, once its surroundings are described."""
         self._wanted = run
-        wanted = run.part_sha256, run.conditions.surroundings_key
-        if wanted == self._shown or not (wanted[1] or self._shown[1]):
+        description = self._descriptions.get(run.run_id, b'')  # none for the infinite plane
+        if description == self._shown:
             return
-        self._shown = wanted
-        if run.conditions.surroundings is None:
+        self._shown = description
+        if description:
+            start_task(self._node, 'surroundings are not shown', self._publish, run, description)
+        else:
             self._publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
-            return
-        start_task(self._node, 'surroundings are not shown', self._publish, run)
 
-    async def _publish(self, run: RunDescription) -> None:
+    async def _publish(self, run: RunDescription, description: bytes) -> None:
         part, _ = self._parts.version(run.part_sha256)
-        description = self._descriptions.get(run.conditions.surroundings_key)
-        data = await self._files.run(
-            serialized_markers, part, run.conditions, description, self._frame
-        )
-        if self._shown == (run.part_sha256, run.conditions.surroundings_key):
+        data = await self._files.run(serialized_markers, description, part.hull_radius)
+        if self._shown == description:
             self._publisher.publish(data)
 
     def _take(self, part: str, data: bytes) -> None:
-        """Keep the description of a mesh surface, which may be wanted already."""
         message = message_from(data)
         check_surroundings(message, part)
-        found = surroundings_of(message.surroundings)
-        if found is None or found.known or found.key in self._descriptions:
-            return
-        self._descriptions[found.key] = data
+        self._descriptions[message.run_id] = data
         while len(self._descriptions) > MAX_KEPT:
             self._descriptions.pop(next(iter(self._descriptions)))
-        if self._wanted and self._wanted.conditions.surroundings_key == found.key:
-            self._shown = '', ''
+        if self._wanted is not None:
             self.show(self._wanted)
 
 
-def _in_front(corners: Array, plane: Array) -> Array:
-    """Return a convex polygon without its part in a half-space."""
-    height = corners @ plane[:3] + plane[3]
-    kept = []
-    for k in range(len(corners)):
-        here, there = height[k - 1], height[k]
-        if (here < 0) != (there < 0):
-            share = here / (here - there)
-            kept.append(corners[k - 1] + share * (corners[k] - corners[k - 1]))
-        if there >= 0:
-            kept.append(corners[k])
-    return np.array(kept).reshape(-1, 3)
-
-
-def _body_markers(k: int, body: SceneBody, points: Array, radius: float) -> list[Marker]:
-    corners = [Point(**xyz(point)) for point in points]
-    opacity = 1.0 if isinstance(body, MeshBody) else OPACITY
+def _body_markers(
+    k: int, body: SurroundingsBody, points: list[Point], size: float
+) -> list[Marker]:
+    """Return the triangles of a body and its name, with letters of a height, m."""
     upright = Pose(orientation=Quaternion(w=1.0))
-    colour = COLOURS[k % len(COLOURS)]
-    mesh = _mesh(BODIES, k, colour, corners, opacity=opacity, pose=upright)
-    x, y, z = points[np.argmax(points[:, 2])].tolist()
-    size = NAME_LETTERS * radius
-    name = _text(NAMES, k, x, y, z + size, size)
-    speed = f', {body.contact.speed:g} m/s' if body.contact.speed else ''
-    name.text = f'{body.name}{speed}'
+    mesh = _mesh(BODIES, k, COLOURS[k % len(COLOURS)], OPACITY, points, upright)
+    top = max(points, key=lambda point: point.z)
+    name = _text(NAMES, k, top.x, top.y, top.z + size, size)
+    speed = math.hypot(body.velocity.x, body.velocity.y, body.velocity.z)
+    name.text = f'{body.name}, {speed:g} m/s' if speed else body.name
     return [mesh, name]
 
 
@@ -320,39 +263,36 @@ class DistributionPublisher:
         self._node = node
         self._parts = parts
         self.topics = PartTopics(node, AspectDistribution, ASPECT_DISTRIBUTIONS, LATCHED)
-        self._changed: dict[str, Tally] = {}  # by part, in the order of changes
-        self._published: dict[str, tuple[tuple[object, ...], int]] = {}  # by part: kind, drops
+        self._newest: dict[str, Tally] = {}  # by part
+        self._changed: dict[str, Tally] = {}  # those to be published, in the order of changes
         period = node.get_parameter(PUBLISH_PERIOD.name).value
         self._timer = WorkTimer(node, period, 'distributions are not published', self._work)
         self._markers = advertise(node, MarkerArray, MARKERS, LATCHED, matched=self._on_matched)
         # The distribution whose markers are not published yet, and its stamp.
-        self._newest: tuple[Tally, Time] | None = None
+        self._unmarked: tuple[Tally, Time] | None = None
         self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
-        self._surroundings = SurroundingsMarkers(node, parts, files, self._frame)
+        self._surroundings = SurroundingsMarkers(node, parts, files)
         self.poses = CurrentPosesPublisher(node, self._timer.start, self._frame)
         self._shown: tuple[str, PartMarkers] | None = None  # part_sha256, its markers
         on_change(node, PUBLISH_PERIOD.name, PUBLISH_PERIOD.check, self._timer.set_period)
 
     def change(self, tally: Tally) -> None:
-        """Store a distribution to be published next, unless one with more drops is published.
+        """Store a distribution to be published next, unless one with more drops is known.
 
         One of another version of the part or of other conditions is replaced in any case.
         """
-        part, kind = tally.run.part, _kind(tally)
-        waiting = self._changed.get(part)
-        more = [self._published.get(part, (None, 0))]
-        more += [(_kind(waiting), waiting.drops)] if waiting is not None else []
-        if any(known == kind and drops > tally.drops for known, drops in more):
+        part, known = tally.run.part, self._newest.get(tally.run.part)
+        if known is not None and known.drops > tally.drops and _kind(known) == _kind(tally):
             return
+        self._newest[part] = tally
         self._changed.pop(part, None)
         self._changed[part] = tally
         self._timer.start()
 
     def restore(self, tally: Tally) -> None:
-        """Store the distribution of earlier runs, unless its part version is published."""
-        part = tally.run.part
-        published = self._published.get(part, ((None,), 0))[0]
-        if published[0] != tally.run.part_sha256 and part not in self._changed:
+        """Store the distribution of earlier runs, unless one of its part version is known."""
+        known = self._newest.get(tally.run.part)
+        if known is None or known.run.part_sha256 != tally.run.part_sha256:
             self.change(tally)
 
     def publish(self) -> None:
@@ -366,10 +306,9 @@ class DistributionPublisher:
                 tally.counted, tally.run, stamp, tally.complete, self._frame
             )
             self.topics.publish(part, message)
-            self._published[part] = _kind(tally), tally.drops
         if changed:
             newest = next(reversed(changed.values()))
-            self._newest = newest, stamp
+            self._unmarked = newest, stamp
             self._surroundings.show(newest.run)
         self._publish_markers()
         self.poses.publish()
@@ -379,13 +318,15 @@ class DistributionPublisher:
 
         A message takes many times as long as a distribution.
         """
-        if self._newest is None:
+        if self._unmarked is None:
             return
-        newest, stamp = self._newest
+        newest, stamp = self._unmarked
         if newest.complete or self._markers.get_subscription_count():
-            self._newest = None
-            markers = self._markers_of(newest.run.part_sha256)
-            self._markers.publish(markers.message(newest.counted, stamp))
+            self._unmarked = None
+            sha = newest.run.part_sha256
+            if self._shown is None or self._shown[0] != sha:
+                self._shown = sha, PartMarkers(*self._parts.version(sha), self._frame)
+            self._markers.publish(self._shown[1].message(newest.counted, stamp))
 
     def _work(self) -> bool:
         self.publish()
@@ -393,12 +334,6 @@ class DistributionPublisher:
 
     def _on_matched(self, _: object) -> None:
         self._timer.start()
-
-    def _markers_of(self, part_sha256: str) -> PartMarkers:
-        if self._shown is None or self._shown[0] != part_sha256:
-            part, aspects = self._parts.version(part_sha256)
-            self._shown = (part_sha256, PartMarkers(part, aspects, self._frame))
-        return self._shown[1]
 
 
 def _kind(tally: Tally) -> tuple[str, object]:
@@ -421,18 +356,16 @@ class CurrentPosesPublisher:
             node, PoseArray, CURRENT_POSES, LATCHED, matched=lambda _: changed()
         )
         self._run_id = ''
-        self._position = np.zeros((0, 3))
-        self._orientation = np.zeros((0, 4))
+        self._poses: deque[tuple[Array, Array]] = deque(maxlen=MAX_SHOWN)
         self._stamp = Time()
         self._changed = False
 
     def take(self, run_id: str, poses: RestingPoses, stamp: Time) -> None:
         """Store the poses of a batch; those of another run are removed."""
-        known = len(self._position) if run_id == self._run_id else 0
+        if run_id != self._run_id:
+            self._poses.clear()
         settled = np.flatnonzero(poses.status == RestStatus.SETTLED)[-MAX_SHOWN:]
-        position = np.concatenate([self._position[:known], poses.position[settled]])
-        orientation = np.concatenate([self._orientation[:known], poses.orientation[settled]])
-        self._position, self._orientation = position[-MAX_SHOWN:], orientation[-MAX_SHOWN:]
+        self._poses.extend(zip(poses.position[settled], poses.orientation[settled], strict=True))
         self._run_id, self._stamp, self._changed = run_id, stamp, True
         self._on_change()
 
@@ -441,10 +374,9 @@ class CurrentPosesPublisher:
         if not self._changed or not self._publisher.get_subscription_count():
             return
         self._changed = False
-        rows = zip(self._position, self._orientation, strict=True)
         self._publisher.publish(
             PoseArray(
                 header=Header(stamp=self._stamp, frame_id=self._frame),
-                poses=[pose_msg(position, orientation) for position, orientation in rows],
+                poses=[pose_msg(position, orientation) for position, orientation in self._poses],
             )
         )

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -63,8 +64,6 @@ from resting_aspects_ros.statistics.counted_parts import LiveCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import max_drops
 
-# Maximum number of known distributions that an error lists.
-MAX_LISTED = 5
 # Number of cached messages: creating a message takes as long as sending it, and the same one is
 # often requested again.
 MAX_MESSAGES = 100
@@ -76,64 +75,62 @@ ARRIVAL_TIMEOUT = 5.0
 COUNT_TIMEOUT = 120.0
 
 
+@dataclass(eq=False)
 class DistributionService:
     """Serves get_distribution."""
 
-    def __init__(
-        self,
-        node: Node,
-        surfaces: Surfaces,
-        surroundings: RequestedSurroundings,
-        default: DefaultConditionsSubscriber,
-        tallies: Tallies,
-        client: DropClient,
-        parts: PartRegistry,
-        ranges: ModelRanges,
-    ) -> None:
-        self._node = node
-        self._ranges = ranges
-        self._surfaces = surfaces
-        self._surroundings = surroundings
-        self._default = default
-        self._tallies = tallies
-        self._client = client
-        self._parts = parts
+    node: Node
+    surfaces: Surfaces
+    surroundings: RequestedSurroundings
+    default: DefaultConditionsSubscriber
+    tallies: Tallies
+    client: DropClient
+    parts: PartRegistry
+    ranges: ModelRanges
+
+    def __post_init__(self) -> None:
         self._active: dict[tuple[object, ...], Future] = {}  # done when its drops have arrived
-        self._frame = check_frame(node.get_parameter(FRAME_ID.name).value)
-        serve(node, GetDistribution, GET_DISTRIBUTION, self._answer)
+        self._frame = check_frame(self.node.get_parameter(FRAME_ID.name).value)
+        serve(self.node, GetDistribution, GET_DISTRIBUTION, self._answer)
 
     async def _answer(
         self, request: GetDistribution.Request, response: GetDistribution.Response
     ) -> None:
-        response.distribution = await self._requested(request)
-
-    async def _requested(self, request: GetDistribution.Request) -> AspectDistribution:
-        """Return the requested distribution; raises RestingAspectsError."""
+        stamp = self.node.get_clock().now().to_msg
         method = requested_estimator(request.method)
         if method is None:
-            return await self._find_or_drop(request)
-        requested = await self._parts.requested(request.part)
-        part, aspects = self._parts.version(requested.part_sha256)
+            tally = await self._find_or_drop(request)
+            found = _message(tally.run, tally.counted, tally.complete, self._frame)
+            found.header.stamp = stamp()
+            response.distribution = found
+            return
+        requested = await self.parts.requested(request.part)
+        part, aspects = self.parts.version(requested.part_sha256)
         prediction = estimate(RestingShape(part, aspects), method)
-        return estimate_msg(prediction, part, self._node.get_clock().now().to_msg(), self._frame)
+        response.distribution = estimate_msg(prediction, part, stamp(), self._frame)
 
-    async def _find_or_drop(self, request: GetDistribution.Request) -> AspectDistribution:
+    async def _find_or_drop(self, request: GetDistribution.Request) -> Tally:
+        """Return a tally that matches a request, dropped first if none is known."""
         drops = max_drops(request.drops, request.precision, MAX_DROPS)
         check_drops(drops)
         seed = request.seed[0] if request.seed else None
-        parts = await self._parts.usable(request.part)
+        parts = await self.parts.usable(request.part)
         sha = self._version(parts, request.part)
-        conditions = await self._conditions(request, sha)
-        found = self._tallies.find(sha, conditions, drops, request.precision, seed)
+        conditions = await self._conditions(request)
+        found = self.tallies.find(sha, conditions, drops, request.precision, seed)
         if found is None and request.only_known:
             if parts and not sha:
                 raise unknown_part(request.part, parts)
-            raise self._not_known(request, sha)
+            with_seed = '' if seed is None else f' with seed {seed}'
+            raise NotAvailableError(
+                f'no known distribution of {request.part} under these conditions{with_seed} has '
+                f'at least {request.drops} drops'
+            )
         if found is None:
-            await self._wait_for_simulator(request, sha)
+            await self.client.wait_until_ready()
             found = await self._extended(request, sha, conditions, drops)
-        await self._ranges.add(found)
-        return self._message(found)
+        await self.ranges.add(found)
+        return found
 
     async def _extended(
         self, request: GetDistribution.Request, sha: str, conditions: DropConditions, drops: int
@@ -146,16 +143,17 @@ class DistributionService:
         seed = request.seed[0] if request.seed else DEFAULT_SEED
         key = request.part, conditions.key(), seed
         while (active := self._active.get(key)) is not None:
-            await wait_for(self._node, active, CHECK_PERIOD)
-            known = self._tallies.find(sha, conditions, drops, request.precision, seed)
+            await wait_for(self.node, active, CHECK_PERIOD)
+            known = self.tallies.find(sha, conditions, drops, request.precision, seed)
             if known is not None:
                 return known
-        self._active[key] = finished = Future(executor=self._node.executor)
+        self._active[key] = finished = Future(executor=self.node.executor)
         try:
-            known = None
-            if not request.precision:
-                known = self._tallies.longest(sha, conditions, seed, __version__)
-            found = await self._drop(request, conditions, seed, drops, known.end if known else 0)
+            first = 0
+            known = self.tallies.find(sha, conditions, 1, 0.0, seed)
+            if known and not request.precision and known.run.suite_version == __version__:
+                first = known.end
+            found = await self._drop(request, conditions, seed, drops, first)
             if not (request.precision or found.reaches(drops, 0.0)):
                 # The simulator has another version, whose drops do not continue those known.
                 found = await self._drop(request, conditions, seed, drops, 0)
@@ -181,68 +179,39 @@ class DistributionService:
             drops=drops - first,
             precision=request.precision,
         )
-        result = await self._client.drop(goal)
+        result = await self.client.drop(goal)
         goal.run_id, end = result.run_id, first + result.drops
 
         def missing() -> list[tuple[int, int]]:
-            tally = self._tallies.by_run(result.run_id)
+            tally = self.tallies.by_run(result.run_id)
             return [(first, end)] if tally is None else tally.seen.missing(first, end)
 
-        if not await self._client.arrived(lambda: not missing(), ARRIVAL_TIMEOUT):
-            await self._client.request_again(goal, missing)
-        tally = self._tallies.by_run(result.run_id)
-        if tally is not None and await self._client.arrived(
+        if not await self.client.arrived(lambda: not missing(), ARRIVAL_TIMEOUT):
+            await self.client.request_again(goal, missing)
+        tally = self.tallies.by_run(result.run_id)
+        if tally is not None and await self.client.arrived(
             lambda: tally.distribution is not None and tally.end >= end, COUNT_TIMEOUT
         ):
             return tally
-        reason = tally and self._parts.why_not(tally.run.part_sha256)
+        reason = self.parts.problem(request.part)
         raise EngineError(reason or f'the drops of run {result.run_id} could not be counted')
 
-    async def _wait_for_simulator(self, request: GetDistribution.Request, sha: str) -> None:
-        try:
-            await self._client.wait_until_ready()
-        except NotAvailableError as error:
-            raise NotAvailableError(f'{error}{self._known_text(request, sha)}') from None
-
-    async def _conditions(self, request: GetDistribution.Request, sha: str) -> DropConditions:
+    async def _conditions(self, request: GetDistribution.Request) -> DropConditions:
         if request.surface or request.conditions:
-            default = self._surfaces.get()  # not used
+            default = self.surfaces.get()  # not used
         else:
-            if not self._default.is_received:
-                await self._wait_for_simulator(request, sha)
-            default = await self._default.conditions()
-        return await self._surroundings.conditions(self._surfaces, request, default)
+            if not self.default.is_received:
+                await self.client.wait_until_ready()
+            default = await self.default.conditions()
+        return await self.surroundings.conditions(self.surfaces, request, default)
 
     def _version(self, parts: Mapping[str, Part], name: str) -> str:
         """Return the part_sha256 that is offered, else the one dropped last; empty if none."""
         if name in parts:
             return parts[name].part_sha256
-        if self._client.is_ready():
+        if self.client.is_ready():
             return ''
-        return self._tallies.sha_of(name) or ''
-
-    def _message(self, tally: Tally) -> AspectDistribution:
-        message = _message(tally.run, tally.counted, tally.complete, self._frame)
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        return message
-
-    def _not_known(self, request: GetDistribution.Request, sha: str) -> NotAvailableError:
-        seed = request.seed[0] if request.seed else None
-        with_seed = '' if seed is None else f' with seed {seed}'
-        text = (
-            f'no known distribution of {request.part} under these conditions{with_seed} has at '
-            f'least {request.drops} drops'
-        )
-        return NotAvailableError(text + self._known_text(request, sha))
-
-    def _known_text(self, request: GetDistribution.Request, sha: str) -> str:
-        """Return the end of an error that lists the known distributions; empty without any."""
-        seed = request.seed[0] if request.seed else None
-        known = self._tallies.describe(request.part, sha, seed)
-        if not known:
-            return ''
-        more = ', ...' if len(known) > MAX_LISTED else ''
-        return f'; known distributions: {", ".join(known[:MAX_LISTED])}{more}'
+        return self.tallies.sha_of(name)
 
 
 @lru_cache(MAX_MESSAGES)
@@ -260,19 +229,11 @@ def answer_pose(
 ) -> None:
     """Fill in the response; unknown values stay NaN.
 
-    Parameters
-    ----------
-    aspects : AspectSet
-        Aspects of the requested part.
-    newest : Distribution, optional
-        Distribution that provides the probability.
+    Raises InvalidValueError if the orientation is not a unit quaternion, and NotAvailableError if
+    no aspect matches; the response then contains the angle to the nearest one.
 
-    Raises
-    ------
-    InvalidValueError
-        The orientation is not a unit quaternion.
-    NotAvailableError
-        No aspect matches; the response contains the angle to the nearest aspect.
+    aspects : of the requested part
+    newest : distribution that provides the probability
     """
     quaternion = request.orientation
     orientation = unit_orientation([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
@@ -299,29 +260,22 @@ MAX_WAITING = 20
 Live = tuple[LiveCounts, Counts | None]
 
 
+@dataclass(eq=False)
 class ForecastService:
     """Serves forecast.
 
-    Parameters
-    ----------
-    monitor : the parts counted on the machine
     worker : computes, so that a forecast does not block the node
     """
 
-    def __init__(
-        self,
-        node: Node,
-        parts: PartRegistry,
-        transitions: TransitionStore,
-        monitor: LiveMonitor,
-        worker: FileWorker,
-    ) -> None:
-        self._parts = parts
-        self._transitions = transitions
-        self._monitor = monitor
-        self._worker = worker
+    node: Node
+    parts: PartRegistry
+    transitions: TransitionStore
+    monitor: LiveMonitor
+    worker: FileWorker
+
+    def __post_init__(self) -> None:
         self._waiting = 0
-        serve(node, FeederForecast, FORECAST, self._forecast)
+        serve(self.node, FeederForecast, FORECAST, self._forecast)
 
     async def _forecast(
         self, request: FeederForecast.Request, response: FeederForecast.Response
@@ -338,25 +292,20 @@ class ForecastService:
 
     async def _answer(self, request: FeederForecast.Request) -> dict[str, Any]:
         """Return the fields of the response; raises RestingAspectsError."""
-        matrix = await self._transitions.newest(request.part, request.action)
-        part_sha256 = matrix.run.part_sha256
-        if self._parts.aspects(part_sha256) is None:
+        matrix = await self.transitions.newest(request.part, request.action)
+        if self.parts.aspects(matrix.run.part_sha256) is None:
             raise NotAvailableError(
                 f'the version of {request.part} whose transitions are known is not offered'
             )
-        part, _ = self._parts.version(part_sha256)
-        live = self._live(request, part_sha256, matrix) if request.use_counts else None
-        found = await self._worker.run(response_fields, request, part, matrix, live)
+        part, _ = self.parts.version(matrix.run.part_sha256)
+        live: Live | None = None
+        if request.use_counts:
+            counted = self.monitor.counts(part)
+            if counted is None:
+                raise NotAvailableError(f'no counts of {request.part} have arrived')
+            live = counted[0], counted[1].get(matrix.action.name)
+        found = await self.worker.run(response_fields, request, part, matrix, live)
         return {**found, 'counted_parts': live[0].parts if live else 0}
-
-    def _live(
-        self, request: FeederForecast.Request, part_sha256: str, matrix: TransitionMatrix
-    ) -> Live:
-        """Return the parts counted on the machine; raises NotAvailableError without any."""
-        found = self._monitor.counts(request.part, part_sha256)
-        if found is None:
-            raise NotAvailableError(f'no counts of {request.part} have arrived')
-        return found[0], found[1].get(matrix.action.name)
 
 
 def response_fields(
@@ -372,12 +321,6 @@ def response_fields(
         raise InvalidValueError('invalid pickable aspects: expected either aspects or classes')
     pickable = result.drop.aspects.chosen(ids or None, classes or None, 'pickable')
     if live is not None:
-        for members in result.drop.aspects.classes():
-            if 0 < len({each.id for each in members} & set(pickable)) < len(members):
-                raise InvalidValueError(
-                    f'invalid aspects {ids}: expected whole symmetry classes with use_counts, '
-                    'because parts are counted by class'
-                )
         result = with_live_counts(result, *live)
     times = cycle_times(
         result.action,

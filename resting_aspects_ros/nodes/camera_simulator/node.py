@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -34,8 +34,13 @@ from resting_aspects_ros.ros.callbacks import (
     wait_for,
 )
 from resting_aspects_ros.ros.conversions import time_msg
-from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.discovery import CLOCK, DuplicateNodeDetector, clock_conflicts
+from resting_aspects_ros.ros.health import (
+    CLOCK,
+    Diagnosis,
+    DuplicateNodeDetector,
+    clock_conflicts,
+    publish_diagnostics,
+)
 from resting_aspects_ros.ros.interface import (
     CELL,
     CHOICES,
@@ -90,15 +95,6 @@ class Truth(ModelUpdates):
         is_known = advice is not None and (advice.drops, advice.actions) == self.counts
         return self._has_begun and is_known
 
-    @property
-    def state(self) -> str:
-        """What is missing, in words."""
-        if self.current is None:
-            return super().state
-        if self._needs_evidence and not self._has_begun:
-            return f'waiting for complete runs of drops and flips of {self.part.known.part.name}'
-        return 'begins'
-
 
 PARAMETERS = (
     *CELL_PARAMETERS,
@@ -126,23 +122,16 @@ PARAMETERS = (
 )
 
 
-Found = TypeVar('Found')
-
-
 class Answers:
-    """The newest detections and the newest advice for a part.
-
-    advice : FeederAdvice or None
-    """
+    """The newest detections, and the newest advice for a part."""
 
     def __init__(self, node: Node, part: str) -> None:
         self._node = node
-        self._topic = f'{FEEDER_ADVICE}/{part}'
         self.advice: FeederAdvice | None = None
         self._detections: DetectionArray | None = None
         self._news = Future()
         subscribe(node, DetectionArray, DETECTIONS, self._on_detections, CELL)
-        subscribe(node, FeederAdvice, self._topic, self._on_advice, LATCHED)
+        subscribe(node, FeederAdvice, f'{FEEDER_ADVICE}/{part}', self._on_advice, LATCHED)
 
     def to(
         self, stamp: Time, least: int, *, waits: bool = False
@@ -160,36 +149,12 @@ class Answers:
             return None
         return None if advice.choice == FeederAdvice.WAIT and not waits else (seen, advice)
 
-    async def reach(self, epoch: int, seconds: float) -> None:
-        """Wait until the controller has counted results up to an epoch, at most a real time."""
-
-        def known() -> bool | None:
-            return True if self.advice is not None and self.advice.epoch >= epoch else None
-
-        await self.until(known, seconds)
-
-    async def until(self, found: Callable[[], Found | None], seconds: float) -> Found | None:
-        """Return what a function finds after a message; None after a real time."""
+    async def arrived(self, condition: Callable[[], object], seconds: float) -> None:
+        """Wait until a condition holds after a message, at most a real time."""
         end = time.monotonic() + seconds
-        while (result := found()) is None:
-            left = end - time.monotonic()
-            if left <= 0:
-                return None
+        while not condition() and (left := end - time.monotonic()) > 0:
             self._news = Future(executor=self._node.executor)
             await wait_for(self._node, self._news, left)
-        return result
-
-    def hint(self, now: int) -> str:
-        """Return why there is no advice for the image of a time, ns."""
-        seen = self._detections
-        if not self._node.count_publishers(DETECTIONS):
-            return f'no advice: {DETECTIONS} has no publisher, start vision_example'
-        if seen is None or seen.header.stamp.sec < now // 10**9:
-            return f'no advice: the newest image has no {DETECTIONS}, check the vision system'
-        return (
-            f'no advice for the newest image on {self._topic}: check '
-            'feeder_controller, and that it runs with use_sim_time'
-        )
 
     def _on_detections(self, message: DetectionArray) -> None:
         self._detections = message
@@ -269,14 +234,6 @@ def seen_centre(detection: Detection, outline: Outline) -> tuple[float, float]:
     return float(detection.x + cos * x - sin * y), float(detection.y + sin * x + cos * y)
 
 
-def missing_text(output: Publisher, needed: int) -> str:
-    """Return how many subscribers of a publisher there are, if more are needed; else ''."""
-    found = output.get_subscription_count()
-    return (
-        '' if found >= needed else f'waiting for {needed} subscribers of {output.topic}: {found}'
-    )
-
-
 CAMERA_SIMULATOR = 'camera_simulator'
 IMAGE, CAMERA_INFO = 'camera/image_raw', 'camera/camera_info'
 IMAGES = QoSProfile(depth=2)
@@ -286,6 +243,10 @@ START = 1_000_000_000
 RETRY = 1.0
 # Without advice for this real time there is a warning, s.
 PATIENCE = 5.0
+NO_ADVICE = (
+    'no advice for the newest image: check vision_example, and feeder_controller, which runs with '
+    'use_sim_time'
+)
 # Real time between messages on /clock while simulated time stands still, s.
 CLOCK_PERIOD = 0.1
 # Step of simulated time with a limited speed, in real time, s.
@@ -297,10 +258,6 @@ class CameraSimulator(Node):
 
     Shows virtual parts on a tray and obeys the advice on feeder_advice/<part>. Simulated time
     stands still while vision system and controller work: run them with use_sim_time.
-
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
     """
 
     def __init__(self, **options: Any) -> None:
@@ -321,7 +278,7 @@ class CameraSimulator(Node):
         self._now = START
         self._answers = Answers(self, self._part)
         self._epoch = 0  # of the controller, after all results that were sent
-        self._images, self._missed, self._silent_since = 0, 0, 0.0
+        self._images, self._missed, self._silent = 0, 0, False
         self._loop: object = None
         self._closed = False
         self._image_output = advertise(self, Image, IMAGE, IMAGES, overridable=True)
@@ -330,7 +287,6 @@ class CameraSimulator(Node):
         self._transform_output = publish_static_transform(
             self, camera_transform(self._frame, self._camera_frame)
         )
-        self._missing = partial(missing_text, self._result_output, values['subscribers'])
         self._clock_output = advertise(self, Clock, CLOCK, QoSProfile(depth=1))
         self._duplicates = DuplicateNodeDetector(self, CAMERA_SIMULATOR)
         publish_diagnostics(self, self._diagnose, self._duplicates)
@@ -368,12 +324,17 @@ class CameraSimulator(Node):
     async def _run(self) -> None:
         cycle = guarded_task(self, 'a cycle has failed', self._cycle)
         while not self._closed:
-            images, is_ready = self._images, self._truth.is_ready(self._answers.advice)
-            may_run = images > 0 or not self._missing()
-            if self._feeder and is_ready and may_run and not self._duplicates.check():
+            images = self._images
+            if self._may_run() and not self._duplicates.check():
                 await cycle()
             if self._images == images:
                 await sleep_for(self, CLOCK_PERIOD)
+
+    def _may_run(self) -> bool:
+        if self._feeder is None or not self._truth.is_ready(self._answers.advice):
+            return False
+        found = self._result_output.get_subscription_count()
+        return self._images > 0 or found >= self._values['subscribers']
 
     async def _cycle(self) -> None:
         """Show the tray, and do what is advised."""
@@ -407,25 +368,20 @@ class CameraSimulator(Node):
     async def _ask(self, image: Image, info: CameraInfo) -> tuple[DetectionArray, FeederAdvice]:
         """Publish an image until there is advice for it; messages may be lost."""
         begin, stamp = time.monotonic(), image.header.stamp
-        is_first = True
+        least = self._epoch
         while True:
             self._info_output.publish(info)
             self._image_output.publish(image)
-            # A controller that was restarted counts epochs from 0.
-            least = self._epoch if is_first else 0
-            found = await self._answers.until(partial(self._answers.to, stamp, least), RETRY)
+            asked = partial(self._answers.to, stamp, least)
+            await self._answers.arrived(asked, RETRY)
+            found = asked() or self._answers.to(stamp, 0, waits=True)
             if found is not None:
-                self._silent_since = 0.0
+                self._silent = False
                 return found
-            if (waits := self._answers.to(stamp, 0, waits=True)) is not None:
-                self._silent_since = 0.0
-                return waits
-            is_first = False
+            least = 0  # a controller that was restarted counts epochs from 0
             if time.monotonic() - begin > PATIENCE:
-                self._silent_since = begin
-                self.get_logger().warning(
-                    self._answers.hint(self._now), throttle_duration_sec=2 * PATIENCE
-                )
+                self._silent = True
+                self.get_logger().warning(NO_ADVICE, throttle_duration_sec=2 * PATIENCE)
 
     async def _pick(
         self,
@@ -453,7 +409,10 @@ class CameraSimulator(Node):
         where = {'image': image, 'detection': detection}
         header = Header(stamp=time_msg(self._now))
         self._result_output.publish(PickResult(header=header, result=result, **where))
-        await self._answers.reach(self._epoch, RETRY)
+        answers = self._answers
+        await answers.arrived(
+            lambda: answers.advice is not None and answers.advice.epoch >= self._epoch, RETRY
+        )
 
     # Time
 
@@ -488,10 +447,10 @@ class CameraSimulator(Node):
                 'picks': feeder.picks,
                 'supplied': feeder.supplied,
             }
-        state = 'runs' if self._images else self._missing() or self._truth.state
+        state = 'runs' if self._images else self._truth.state
         errors = [self._truth.error] if self._truth.error else []
-        warnings = [self._answers.hint(self._now)] if self._silent_since else []
-        return Diagnosis(state, values, [*warnings, *clock_conflicts(self)], errors)
+        warnings = [NO_ADVICE] * self._silent + clock_conflicts(self)
+        return Diagnosis(state, values, warnings, errors)
 
 
 def main() -> int:

@@ -1,5 +1,1 @@
-"""The node that records each run in an MCAP log of its own.
-
-`node` has the folder of the logs and the topics of runs; `feeder_recorder` records the topics of a
-feeder. Read `node.py` first.
-"""
+"""The node that records each run, and the topics of a feeder, in MCAP logs."""

@@ -1,6 +1,4 @@
 """The node that drops parts, makes actions on them, and publishes the results.
 
-Serves the actions `drop_part` and `reorient_part`, and publishes the parts of a folder.
-`goals` has the workers that all goals share, `drop_part` publishes resting poses, and
-`reorientation` transition matrices. Read `node.py` first.
+`node` publishes the parts of a folder, and `actions` serves drop_part and reorient_part.
 """

@@ -2,15 +2,19 @@
 
 import time
 import uuid
-from collections import OrderedDict
-from contextlib import aclosing
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from concurrent.futures import Future as PoolFuture
+from contextlib import aclosing, closing
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from resting_aspects_interfaces.action import DropPart, ReorientPart
-from resting_aspects_interfaces.msg import FeederAction, TransitionMatrix
+from resting_aspects_interfaces.msg import FeederAction, Status, TransitionMatrix
 from resting_aspects_interfaces.msg import RestingPoses as RestingPosesMsg
 
 from resting_aspects_ros.api.conditions import aspects_in, shipped_actions
@@ -22,27 +26,20 @@ from resting_aspects_ros.api.plan import (
     plan_drops,
 )
 from resting_aspects_ros.api.reorient import ReorientResult
-from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.errors import EngineError, InvalidValueError, shown
-from resting_aspects_ros.nodes.drop_simulator.goals import GoalServer
+from resting_aspects_ros.errors import EngineError, InvalidValueError, RestingAspectsError, shown
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.ros.callbacks import PartTopics, advertise
-from resting_aspects_ros.ros.conversions import MAX_POSES, poses_msgs
-from resting_aspects_ros.ros.diagnostics import (
-    RateCounter,
-    active_runs_text,
-    progress_text,
-    run_values,
-    truncated,
-)
+from resting_aspects_ros.ros.callbacks import PartTopics, advertise, ros_future, wait_for
+from resting_aspects_ros.ros.conversions import MAX_POSES, description_msg, poses_msgs
 from resting_aspects_ros.ros.distribution_conversions import (
     BoundedLongRun,
     action_from,
     transitions_msg,
 )
-from resting_aspects_ros.ros.file_worker import FileLimitError
+from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
+from resting_aspects_ros.ros.health import RateCounter, progress_text
 from resting_aspects_ros.ros.interface import (
+    ACTION_SERVICES,
     DROP_PART,
     LATCHED,
     POSES,
@@ -50,10 +47,17 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     TRANSITIONS,
 )
-from resting_aspects_ros.ros.requests import CanceledError, NotAvailableError
+from resting_aspects_ros.ros.requests import (
+    BusyError,
+    CanceledError,
+    NotAvailableError,
+    error_status,
+)
 from resting_aspects_ros.simulation.actions import KINDS, NamedAction
 from resting_aspects_ros.simulation.conditions import MAX_DROPS, DropConditions
 from resting_aspects_ros.simulation.job import DropJob, RunDescription, check_run_id, plan_run
+from resting_aspects_ros.simulation.scene import Scene
+from resting_aspects_ros.simulation.workers import LocalWorkers, drop_chunks
 from resting_aspects_ros.statistics.distribution import (
     Distribution,
     aspect_ids,
@@ -62,6 +66,134 @@ from resting_aspects_ros.statistics.distribution import (
 )
 from resting_aspects_ros.statistics.intervals import max_drops
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
+
+# -- goals ----------------------------------------------------------------------------------------
+
+
+# Maximum number of concurrent goals of an action; all goals share the workers chunk by chunk.
+MAX_GOALS = 16
+# Time for which a result is kept for a client that requests it late, s.
+RESULT_TIMEOUT = 300
+# Interval at which a goal that waits checks whether it was canceled, s.
+CANCEL_PERIOD = 0.5
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What the servers of both actions share.
+
+    part : returns an offered part by its name
+    conditions : returns the conditions that a goal requests
+    files : computes what could block the node, such as the aspects of a large mesh
+    surroundings : topics of the surroundings of new runs
+    frame : frame of the published poses
+    """
+
+    node: Node
+    part: Callable[[str], Awaitable[Part]]
+    conditions: Callable[[Any], Awaitable[DropConditions]]
+    workers: LocalWorkers
+    files: FileWorker
+    surroundings: PartTopics
+    frame: str
+
+
+class GoalServer:
+    """Serves an action; goals of all actions share the workers chunk by chunk.
+
+    kind, name : type and name of the action
+    """
+
+    def __init__(self, kind: Any, name: str, resources: Resources) -> None:
+        self._kind, self._name = kind, name
+        self._resources = resources
+        self._node, self._files, self._frame = resources.node, resources.files, resources.frame
+        self._progress: dict[int, str] = {}  # of the active goals, by the id of the handle
+        self._server = ActionServer(
+            self._node,
+            kind,
+            name,
+            self._execute,
+            # By default, rclpy rejects every cancel request.
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            result_timeout=RESULT_TIMEOUT,
+            **ACTION_SERVICES,
+        )
+
+    @property
+    def active(self) -> int:
+        """Number of active goals."""
+        return len(self._progress)
+
+    @property
+    def state(self) -> str:
+        """The progress of the first active goal and the number of others, as text."""
+        running = [text for text in self._progress.values() if text]
+        more = f', and {len(running) - 1} more' if running[1:] else ''
+        return f'{running[0]}{more}' if running else ''
+
+    def destroy(self) -> None:
+        """Destroy the action server."""
+        self._server.destroy()
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        """Return the result of a goal with its status, and set the state of the goal."""
+        result = self._kind.Result()
+        try:
+            if len(self._progress) >= MAX_GOALS:
+                raise BusyError(f'{MAX_GOALS} {self._name} goals are active, try again later')
+            self._progress[id(handle)] = ''
+            result, error = await self._answer(handle)
+            if error is not None:
+                raise error
+            handle.succeed()
+        except CanceledError as error:
+            result.status = error_status(error)
+            handle.canceled()
+        except RestingAspectsError as error:
+            result.status = error_status(error)
+            handle.abort()
+        except InvalidHandle:  # the result cannot be sent
+            result.status = Status(code=Status.FAILED, message='the node has stopped')
+        except Exception as error:  # noqa: BLE001 - a defect must not look like an answer
+            self._node.get_logger().error(f'{self._name} failed: {error!r}')
+            result.status = Status(code=Status.FAILED, message=f'unexpected error {error!r}')
+            handle.abort()
+        finally:
+            self._progress.pop(id(handle), None)
+        return result
+
+    async def _answer(self, handle: ServerGoalHandle) -> tuple[Any, Exception | None]:
+        """Return the result of a goal, and the error that ended it early, if any."""
+        raise NotImplementedError
+
+    async def _chunks(
+        self, job: DropJob, requested: RunDescription, handle: ServerGoalHandle
+    ) -> AsyncGenerator[RestingPoses, None]:
+        """Yield chunks of drops in order; raises EngineError if the workers fail or die.
+
+        Ends early if the goal is canceled, also while a chunk is simulated.
+        """
+        with closing(drop_chunks(job, requested, self._resources.workers)) as steps:
+            for step in steps:
+                if not isinstance(step, PoolFuture):
+                    yield step
+                    continue
+                done = ros_future(self._node, step)  # drop_chunks handles its exception
+                while not (
+                    handle.is_cancel_requested or await wait_for(self._node, done, CANCEL_PERIOD)
+                ):
+                    pass
+                if handle.is_cancel_requested:
+                    return
+
+    def _publish_surroundings(self, run: RunDescription, scene: Scene) -> None:
+        """Publish the surroundings of a new run; nothing for the infinite level plane."""
+        if not scene.level:
+            self._resources.surroundings.publish(
+                run.part, description_msg(run, scene, self._frame)
+            )
+
 
 # -- drop_part ------------------------------------------------------------------------------------
 
@@ -72,29 +204,17 @@ PUBLISH_PERIOD = 0.5
 MAX_RUNS = 10_000
 
 
-class GoalDrops:
-    """The drops of an active goal: sends feedback and accumulates the result.
+class DropGoal:
+    """An active goal: counts its drops in the result, and sends feedback.
 
     requested : the drops that the goal requests
-    result : current counts
-    rate : drops per second, from the start to the most recent chunk
     """
 
     def __init__(self, handle: ServerGoalHandle, requested: RunDescription) -> None:
+        self.handle = handle
         self.requested = requested
         self.result = DropPart.Result(run_id=requested.run_id)
-        self.rate = 0.0
-        self._handle = handle
         self._start = time.monotonic()
-
-    def canceled(self) -> bool:
-        """Return whether the goal was canceled."""
-        return bool(self._handle.is_cancel_requested)
-
-    @property
-    def end(self) -> int:
-        """Index after the last drop that was made."""
-        return self.requested.first_drop + int(self.result.drops)
 
     def add(self, chunk: RestingPoses) -> None:
         """Count the drops of a chunk and send feedback."""
@@ -103,75 +223,46 @@ class GoalDrops:
         for name in ('settled', 'unsettled', 'failed', 'lost', 'sliding'):
             number = int((chunk.status == RestStatus[name.upper()]).sum())
             setattr(result, name, getattr(result, name) + number)
-        seconds = time.monotonic() - self._start
-        self.rate = result.drops / seconds if seconds > 0 else 0.0
         feedback = DropPart.Feedback(done=result.drops, total=self.requested.drops)
-        feedback.drops_per_second = self.rate
-        self._handle.publish_feedback(feedback)
+        seconds = time.monotonic() - self._start
+        feedback.drops_per_second = result.drops / seconds if seconds > 0 else 0.0
+        self.handle.publish_feedback(feedback)
+
+    @property
+    def progress(self) -> str:
+        """The drops made and requested, as text."""
+        return progress_text(self.requested, int(self.result.drops))
 
 
 class DropServer(GoalServer):
     """Serves drop_part, and publishes resting_poses.
 
-    Parameters
-    ----------
-    node, shared : as for GoalServer
-
     drops : counter of all drops made
     """
 
-    def __init__(self, node: Node, *shared: Any) -> None:
-        super().__init__(DropPart, DROP_PART, node, *shared)
-        self._aspects = AspectSet('', ())  # of the part that stopped at a precision last
-        self._active: list[GoalDrops] = []
-        self._runs: OrderedDict[str, RunDescription] = OrderedDict()  # by run id
-        self._publisher = advertise(node, RestingPosesMsg, RESTING_POSES, POSES)
+    def __init__(self, resources: Resources) -> None:
+        super().__init__(DropPart, DROP_PART, resources)
+        self._runs: dict[str, RunDescription] = {}  # by run id
+        self._publisher = advertise(self._node, RestingPosesMsg, RESTING_POSES, POSES)
         self.drops = RateCounter()
-
-    @property
-    def state(self) -> str:
-        """The progress of the active goals; empty if there are none."""
-        return active_runs_text(self._progress())
-
-    def values(self) -> dict[str, object]:
-        """Return values for the diagnostics."""
-        # Drops come in chunks: for a slow part, there is no chunk in most seconds.
-        rates = {
-            f'drops per second of run {k}': f'{drops.rate:.1f}'
-            for k, drops in enumerate(self._active, 1)
-        }
-        return {
-            'drops made': self.drops.total,
-            'drops per second': self.drops.rate(),
-            **run_values(self._progress()),
-            **truncated(rates),
-        }
-
-    def _progress(self) -> list[tuple[RunDescription, int]]:
-        return [(drops.requested, int(drops.result.drops)) for drops in self._active]
 
     async def _answer(self, handle: ServerGoalHandle) -> tuple[DropPart.Result, Exception | None]:
         goal = handle.request
         check_run_id(goal.run_id)
-        part = await self._parts.get(goal.part)
+        part = await self._resources.part(goal.part)
         if handle.is_cancel_requested:
             raise CanceledError('canceled before the first drop')
         job, requested = await self._plan(goal, part)
         run = self._published(requested) if goal.run_id else requested
-        self._check_number(self._active)
-        drops = GoalDrops(handle, requested)
-        self._active.append(drops)
-        error: Exception | None = None
+        active = DropGoal(handle, requested)
         try:
-            await self._make(drops, part, job, run)
-        except (CanceledError, EngineError) as raised:  # the drops made before are kept
-            error = raised
-        finally:
-            self._active.remove(drops)
-        return drops.result, error
+            await self._make(active, part, job, run)
+        except (CanceledError, EngineError) as error:  # the drops made before are kept
+            return active.result, error
+        return active.result, None
 
     async def _plan(self, goal: DropPart.Goal, part: Part) -> tuple[DropJob, RunDescription]:
-        conditions = await self._conditions(goal)
+        conditions = await self._resources.conditions(goal)
         plan = partial(
             plan_run,
             part,
@@ -211,31 +302,33 @@ class DropServer(GoalServer):
     def _begin(self, run: RunDescription, job: DropJob) -> None:
         self._runs[run.run_id] = run
         while len(self._runs) > MAX_RUNS:
-            self._runs.popitem(last=False)
+            self._runs.pop(next(iter(self._runs)))
         self._publish_surroundings(run, job.scene)
 
-    async def _make(self, drops: GoalDrops, part: Part, job: DropJob, run: RunDescription) -> None:
+    async def _make(self, goal: DropGoal, part: Part, job: DropJob, run: RunDescription) -> None:
         """Make and publish the drops of a goal; raises CanceledError and EngineError.
 
         The last message ends the run, unless its drops are published again. It is not empty: the
         newest chunk waits until another one follows, because some readers of logs cannot read a
         message with empty columns.
         """
-        requested = drops.requested
+        requested = goal.requested
         is_new = run is requested
         if is_new:
             self._begin(run, job)
         total = None
         if requested.precision:
-            total = no_drops(aspects_in(job.scene, await self._find_aspects(part)))
+            aspects = await self._files.run(find_aspects, part)
+            total = no_drops(aspects_in(job.scene, aspects))
         waiting: list[RestingPoses] = []
         since = 0.0
         try:
-            chunks = self._chunks(job, requested, drops.canceled)
+            chunks = self._chunks(job, requested, goal.handle)
             async with aclosing(chunks):
                 async for chunk in chunks:
                     self.drops.add(len(chunk))
-                    drops.add(chunk)
+                    goal.add(chunk)
+                    self._progress[id(goal.handle)] = f'{run.part}: {goal.progress}'
                     since = since if waiting else time.monotonic()
                     waiting.append(chunk)
                     if total is not None:
@@ -253,16 +346,9 @@ class DropServer(GoalServer):
             if waiting:
                 self._publish(RestingPoses.join(waiting), run, last=is_new)
             else:
-                drops.result.run_id = ''  # there is no run
-        if drops.end < requested.end:
-            progress = progress_text(requested, int(drops.result.drops))
-            raise CanceledError(f'canceled after {progress}; these are kept')
-
-    async def _find_aspects(self, part: Part) -> AspectSet:
-        """Return the aspects of a part; cached, since a large mesh takes seconds."""
-        if self._aspects.part_sha256 != part.part_sha256:
-            self._aspects = await self._files.run(find_aspects, part)
-        return self._aspects
+                goal.result.run_id = ''  # there is no run
+        if goal.result.drops < requested.drops:
+            raise CanceledError(f'canceled after {goal.progress}; these are kept')
 
     def _publish(self, poses: RestingPoses, run: RunDescription, *, last: bool) -> None:
         stamp = self._node.get_clock().now().to_msg()
@@ -291,34 +377,27 @@ def requested_action(action: FeederAction) -> NamedAction:
 
 
 def plan_goal(
-    part: Part,
-    action: NamedAction,
-    conditions: DropConditions,
-    goal: ReorientPart.Goal,
-) -> tuple[PlannedDrops, int, PlannedActions | None]:
-    """Return the drops, the number of actions and the actions; runs in a FileWorker.
-
-    In surroundings, actions start from the resting poses of the drops, so that they are None
-    here; see plan_from_rests.
-    """
+    part: Part, action: NamedAction, conditions: DropConditions, goal: ReorientPart.Goal
+) -> tuple[PlannedDrops, int]:
+    """Return the drops and the number of actions, which are checked; runs in a FileWorker."""
     drops = plan_drops(part, conditions, drops=goal.drops, seed=goal.seed)
-    if conditions.surroundings is None:
-        actions = plan_from_rests(part, action, conditions, goal, None)
-        return drops, actions.run.drops, actions
     _, aspects, per_aspect = check_actions(
         part, action, conditions, per_aspect=goal.per_aspect, precision=goal.precision
     )
-    return drops, per_aspect * len(aspects), None
+    return drops, per_aspect * len(aspects)
 
 
-def plan_from_rests(
+def plan_after_drops(
     part: Part,
     action: NamedAction,
     conditions: DropConditions,
     goal: ReorientPart.Goal,
     rests: RestingPoses | None,
 ) -> PlannedActions:
-    """Return the actions of a goal from resting poses in surroundings; runs in a FileWorker."""
+    """Return the actions of a goal; runs in a FileWorker.
+
+    rests : in surroundings, the resting poses from which they start
+    """
     return plan_actions(
         part,
         action,
@@ -339,19 +418,15 @@ class ReorientGoal:
     """An active goal, which sends feedback of its progress."""
 
     def __init__(self, handle: ServerGoalHandle) -> None:
+        self.handle = handle
         self.request: ReorientPart.Goal = handle.request
         self.feedback = ReorientPart.Feedback()
-        self._handle = handle
         self._start: float | None = None
-
-    def canceled(self) -> bool:
-        """Return whether the goal was canceled."""
-        return bool(self._handle.is_cancel_requested)
 
     def check(self) -> None:
         """Raise CanceledError if the goal was canceled; describes the actions made."""
         made = self.feedback.done
-        if self.canceled():
+        if self.handle.is_cancel_requested:
             raise CanceledError(
                 f'canceled after {made} of {self.feedback.total} actions; these are kept'
                 if made
@@ -361,7 +436,7 @@ class ReorientGoal:
     def add_drops(self, drops: int) -> None:
         """Count drops, and send feedback."""
         self.feedback.drops += drops
-        self._handle.publish_feedback(self.feedback)
+        self.handle.publish_feedback(self.feedback)
 
     def add_actions(self, actions: int) -> None:
         """Count actions, and send feedback."""
@@ -370,7 +445,7 @@ class ReorientGoal:
         self.feedback.done += actions
         if now > self._start:
             self.feedback.actions_per_second = self.feedback.done / (now - self._start)
-        self._handle.publish_feedback(self.feedback)
+        self.handle.publish_feedback(self.feedback)
 
     def __str__(self) -> str:
         name = self.request.action.name or self.request.action.kind
@@ -382,54 +457,27 @@ class ReorientGoal:
 class ReorientServer(GoalServer):
     """Serves reorient_part, and publishes transitions/<part>.
 
-    Parameters
-    ----------
-    node, shared : as for GoalServer
+    actions : counter of all actions made
     """
 
-    def __init__(self, node: Node, *shared: Any) -> None:
-        super().__init__(ReorientPart, REORIENT_PART, node, *shared)
-        self._goals: list[ReorientGoal] = []
-        self._topics = PartTopics(node, TransitionMatrix, TRANSITIONS, LATCHED)
-        self._actions = RateCounter()
-
-    @property
-    def state(self) -> str:
-        """The progress of the first active goal; empty if there is none."""
-        return str(self._goals[0]) if self._goals else ''
-
-    def values(self) -> dict[str, object]:
-        """Return values for the diagnostics."""
-        goals = {f'reorientation {k}': str(goal) for k, goal in enumerate(self._goals, 1)}
-        return {
-            'actions made': self._actions.total,
-            'actions per second': self._actions.rate(),
-            'active reorientations': len(self._goals),
-            **truncated(goals),
-        }
+    def __init__(self, resources: Resources) -> None:
+        super().__init__(ReorientPart, REORIENT_PART, resources)
+        self._topics = PartTopics(self._node, TransitionMatrix, TRANSITIONS, LATCHED)
+        self.actions = RateCounter()
 
     async def _answer(
         self, handle: ServerGoalHandle
     ) -> tuple[ReorientPart.Result, Exception | None]:
-        self._check_number(self._goals)
         goal = ReorientGoal(handle)
-        self._goals.append(goal)
-        try:
-            return await self._make(goal)
-        finally:
-            self._goals.remove(goal)
-
-    async def _make(self, goal: ReorientGoal) -> tuple[ReorientPart.Result, Exception | None]:
-        part = await self._parts.get(goal.request.part)
+        part = await self._resources.part(goal.request.part)
         action = requested_action(goal.request.action)
-        conditions = await self._conditions(goal.request)
+        conditions = await self._resources.conditions(goal.request)
         given = (part, action, conditions, goal.request)
-        drops, goal.feedback.total, planned = await self._files.run(plan_goal, *given)
+        drops, goal.feedback.total = await self._files.run(plan_goal, *given)
         self._topics.offer(part.name)  # before the drops, so that subscribers miss nothing
         dropped, rests = await self._drop(goal, drops)
-        if planned is None:
-            planned = await self._files.run(plan_from_rests, *given, rests)
-            self._publish_surroundings(planned.run, planned.job.scene)
+        planned = await self._files.run(plan_after_drops, *given, rests)
+        self._publish_surroundings(planned.run, planned.job.scene)
         error: Exception | None = None
         try:
             await self._act(goal, planned, part, dropped)
@@ -449,8 +497,8 @@ class ReorientServer(GoalServer):
         self, goal: ReorientGoal, planned: PlannedDrops
     ) -> tuple[Distribution, RestingPoses | None]:
         """Return the distribution of the drops of a goal, and their poses in surroundings."""
-        total, kept = planned.empty, []
-        chunks = self._chunks(planned.job, planned.run, goal.canceled)
+        total, kept = planned.tally.distribution, []
+        chunks = self._chunks(planned.job, planned.run, goal.handle)
         async with aclosing(chunks):
             async for chunk in chunks:
                 total += count_poses(total.aspects, chunk)
@@ -465,13 +513,14 @@ class ReorientServer(GoalServer):
     ) -> None:
         """Make and count the actions of a goal; raises CanceledError and EngineError."""
         tally, published = planned.tally, time.monotonic()
-        chunks = self._chunks(planned.job, planned.run, goal.canceled)
+        chunks = self._chunks(planned.job, planned.run, goal.handle)
         try:
             async with aclosing(chunks):
                 async for chunk in chunks:
                     tally.add(chunk, aspect_ids(tally.aspects, chunk))
-                    self._actions.add(len(chunk))
+                    self.actions.add(len(chunk))
                     goal.add_actions(len(chunk))
+                    self._progress[id(goal.handle)] = str(goal)
                     if tally.complete:
                         return
                     if time.monotonic() - published >= MATRIX_PERIOD:

@@ -156,9 +156,7 @@ def read_fed_part(data: bytes, name: str, grasps: tuple[Grasp, ...] = ()) -> Fed
     part = dataclasses.replace(part_from(message), warnings=())
     known = known_part(part, {1: 1.0})  # the shares are not used: they are those of the drops
     check_grasps(grasps, known.placements, ())
-    classes = known.aspects.classes()
-    footprints = footprints_of(known.part, known.aspects, classes, grasps)
-    return FedPart(known, footprints, grasps)
+    return FedPart(known, footprints_of(known.part, known.aspects), grasps)
 
 
 def drops_from(message: AspectDistribution) -> Simulated[Distribution]:
@@ -180,10 +178,9 @@ def flips_from(message: TransitionMatrixMsg, part: str) -> Simulated[TransitionM
 
 def _run_from(
     message: AspectDistribution | TransitionMatrixMsg,
-) -> tuple[str, str, str, object, str, bool]:
-    run, conditions = message.run, message.run.conditions
-    sha256, surface = run.part_sha256, conditions.surface
-    return run.run_id, run.part, sha256, conditions, surface, message.complete
+) -> tuple[str, str, str, object, bool]:
+    run = message.run
+    return run.run_id, run.part, run.part_sha256, run.conditions, message.complete
 
 
 # A part with very many triangles and aspects needs more time than a file, s.
@@ -193,6 +190,7 @@ MAX_SECONDS = 120.0
 REQUEST_PERIOD = 1.0
 # Maximum time for the response, s. The same request again continues the same drops.
 REQUEST_TIMEOUT = 60.0
+UNKNOWN = Interval(math.nan, math.nan, math.nan)
 
 
 class ModelUpdates:
@@ -206,8 +204,10 @@ class ModelUpdates:
 
     current : ControllerModel or None
         None until a part has been read and dropped, and if a parameter does not fit it.
-    version : int
-        Number of changes of `current`.
+    counts : tuple of int
+        Numbers of drops and of flips behind the model; 0 without one.
+    share : Interval
+        The pickable share; NaN without a model.
     error : str
         Why there is no model; empty if there is one, or if it is not ready yet.
     """
@@ -219,12 +219,12 @@ class ModelUpdates:
         self._files = FileWorker(node, MAX_SECONDS)
         self._data = b''  # the newest description
         self._known = PartEvidence(settings.action, node.get_logger().warning)
-        self._evidence: Evidence | None = None  # of the model
         self._building = self._again = False
         self._requesting = self._lacked_drops = False
         self._problem = 'they are being requested'
         self.current: ControllerModel | None = None
-        self.version = 0
+        self.counts = 0, 0
+        self.share = UNKNOWN
         self.error = ''
         name = settings.part
         self._topic = node.resolve_topic_name(f'{PARTS}/{name}')
@@ -266,49 +266,9 @@ class ModelUpdates:
         )
 
     @property
-    def counts(self) -> tuple[int, int]:
-        """Numbers of drops and of flips behind the model; 0 without one."""
-        if self.current is None or self._evidence is None:
-            return 0, 0
-        return self._evidence.counts
-
-    @property
     def is_complete(self) -> bool:
         """Whether complete runs of drops and of flips are behind the model."""
         return all(self.counts) and self._known.is_complete and self._known.counts == self.counts
-
-    @property
-    def share(self) -> Interval:
-        """The pickable share; NaN without a model."""
-        if self.current is None or self._evidence is None:
-            return Interval(math.nan, math.nan, math.nan)
-        return self._known.share(self._evidence)
-
-    @property
-    def sentence(self) -> str:
-        """The parts per minute of the model; empty without one."""
-        if self.current is None:
-            return ''
-        drops, flips = self.counts
-        return (
-            f'{self.share.probability:.1%} of {self._settings.part} can be picked '
-            f'({drops} drops, {flips} flips): {60 * self.current.values.rate:.1f} parts per '
-            f'minute with {self.current.best_number} parts on the tray'
-        )
-
-    @property
-    def values(self) -> dict[str, object]:
-        """Values for the diagnostics."""
-        if self.current is None:
-            return {}
-        drops, flips = self.counts
-        return {
-            'drops known': drops,
-            'flips known': flips,
-            'pickable share': f'{self.share.probability:.4f}',
-            'best number of parts': self.current.best_number,
-            'parts per minute': f'{60 * self.current.values.rate:.2f}',
-        }
 
     @property
     def warnings(self) -> list[str]:
@@ -316,8 +276,8 @@ class ModelUpdates:
         found = self._known.ignored
         if self._known.lacks_drops:
             found.append(self.state)
-        if self.current is not None and self.current.trapped.any():
-            classes = ', '.join(str(k + 1) for k in np.flatnonzero(self.current.trapped))
+        if self.current is not None and self.current.feeder.trapped.any():
+            classes = ', '.join(str(k + 1) for k in np.flatnonzero(self.current.feeder.trapped))
             found.append(f'a flip brings no part of class {classes} into a pickable class')
         return found
 
@@ -328,13 +288,10 @@ class ModelUpdates:
 
     async def _read(self) -> None:
         """Read the newest description of the part, unless a newer one arrives."""
-        data = self._data
+        data, name = self._data, self._settings.part
         try:
-            fed = await self._files.run(
-                read_fed_part, data, self._settings.part, self._settings.grasps
-            )
-            known = self._known.fed
-            if data != self._data or (known is not None and fed.version == known.version):
+            fed = await self._files.run(read_fed_part, data, name, self._settings.grasps)
+            if data != self._data:
                 return
             self._known.set_part(fed, pickable_ids(fed.known, self._settings))
         except RestingAspectsError as error:
@@ -342,13 +299,10 @@ class ModelUpdates:
                 self._known.forget_part()
                 self._fail(error)
             return
-        if known is not None:
-            self.current = None  # until there is a model of the new version
-            self.version += 1
-            self._changed()
+        if self.current is not None:
+            self._set(None)  # until there is a model of the new version
             self._node.get_logger().warning(
-                f'{self._settings.part} has changed (part_sha256 {fed.version}): '
-                'its classes may have changed'
+                f'{name} has changed (part_sha256 {fed.version}): its classes may have changed'
             )
         self._build()
 
@@ -382,30 +336,27 @@ class ModelUpdates:
                 self._service.remove_pending_request(answer)
 
     def _on_drops(self, message: AspectDistribution) -> None:
-        if message.drops == 0:
-            return
-        try:
-            drops = drops_from(message)
-        except InvalidValueError as error:
-            self._known.ignore('drops', error)
-            return
-        if self._known.add_drops(drops):
-            self._build()
+        if message.drops:
+            self._take('drops', lambda: self._known.add_drops(drops_from(message)))
 
     def _on_flips(self, message: TransitionMatrixMsg) -> None:
-        if not any(message.actions):
-            return
+        if any(message.actions):
+            name = self._settings.part
+            self._take('flips', lambda: self._known.add_flips(flips_from(message, name)))
+
+    def _take(self, kind: str, add: Callable[[], bool]) -> None:
+        """Add evidence, and build the model if it differs enough."""
         try:
-            flips = flips_from(message, self._settings.part)
+            is_new = add()
         except InvalidValueError as error:
-            self._known.ignore('flips', error)
+            self._known.ignore(kind, error)
             return
-        if self._known.add_flips(flips):
+        if is_new:
             self._build()
 
     def _build(self) -> None:
         """Build the model if drops are known, at most one at a time."""
-        self._again = self._building
+        self._again = True
         if not self._building:
             self._building = True
             start_task(self._node, 'no model was built', self._build_all)
@@ -413,7 +364,6 @@ class ModelUpdates:
     async def _build_all(self) -> None:
         """Build the model until no newer evidence is left."""
         try:
-            self._again = True
             while self._again and (fed := self._known.fed) and self._known.current:
                 self._again = False
                 evidence = self._known.use()
@@ -426,18 +376,20 @@ class ModelUpdates:
                         self._fail(error)
                 else:
                     if fed is self._known.fed:
-                        self._use(model, evidence)
+                        self._set(model, evidence)
         finally:
             self._building = False
 
-    def _use(self, model: ControllerModel, evidence: Evidence) -> None:
-        self.current, self._evidence, self.error = model, evidence, ''
-        self.version += 1
+    def _set(
+        self, model: ControllerModel | None, evidence: Evidence | None = None, error: str = ''
+    ) -> None:
+        self.current, self.error = model, error
+        self.counts, self.share = (0, 0), UNKNOWN
+        if evidence is not None:
+            self.counts, self.share = evidence.counts, self._known.share(evidence)
         self._changed()
 
     def _fail(self, error: RestingAspectsError) -> None:
-        self.current = self._evidence = None
-        self.error = f'{self._settings.part} cannot be fed: {error}'
-        self.version += 1
-        self._node.get_logger().error(self.error)
-        self._changed()
+        text = f'{self._settings.part} cannot be fed: {error}'
+        self._node.get_logger().error(text)
+        self._set(None, error=text)

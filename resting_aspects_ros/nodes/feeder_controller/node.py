@@ -1,9 +1,7 @@
 """The feeder_controller node: advises what to pick, and when to flip, spread or supply parts."""
 
 import math
-import re
 import sys
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -39,8 +37,7 @@ from resting_aspects_ros.ros.conversions import (
     nanoseconds,
     pose_msg,
 )
-from resting_aspects_ros.ros.diagnostics import Diagnosis, publish_diagnostics
-from resting_aspects_ros.ros.discovery import DuplicateNodeDetector
+from resting_aspects_ros.ros.health import Diagnosis, DuplicateNodeDetector, publish_diagnostics
 from resting_aspects_ros.ros.interface import (
     CELL,
     DETECTIONS,
@@ -94,30 +91,11 @@ def _pose_msgs(poses: Sequence[Pose]) -> list[PoseMsg]:
     return [pose_msg(pose.position, pose.orientation) for pose in poses]
 
 
-def advice_fields(advice: CurrentAdvice) -> dict[str, Any]:
-    """Return the fields of a message that follow from an advice alone."""
-    expected = advice.expected
-    now = expected.get(advice.choice)
-    return {
-        'image': advice.image,
-        'choice': CHOICES[advice.choice],
-        'then': CHOICES[advice.then],
-        'supply': advice.supply,
-        'rate': math.nan if now is None else now.rate,
-        'reason': advice.reason,
-        'choices': [CHOICES[choice] for choice in expected],
-        'expected_picks': [each.picks for each in expected.values()],
-        'seconds': [each.seconds for each in expected.values()],
-        'rates': [each.rate for each in expected.values()],
-    }
-
-
 # Without an image for longer than the advice takes and this time, the camera has stopped, s.
 IMAGE_TIMEOUT = 5.0
 CHECK_PERIOD = 0.5
-# Minimum time between two log lines about the same kind of problem, s, and maximum number of kinds
-# in this time.
-LOG_PERIOD, MAX_LOGGED = 10.0, 5
+# Minimum time between two log lines about problems, s.
+LOG_PERIOD = 10.0
 # Supplies after which no part was seen, until there is a warning.
 MAX_EMPTY = 3
 
@@ -128,9 +106,7 @@ class FeederController(Node):
     Subscribes to detections, pick_result, parts/<part>, aspect_distributions/<part> and
     transitions/<part>, and calls get_distribution if no drops are known.
 
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
+    options : of rclpy.node.Node
     """
 
     def __init__(self, **options: Any) -> None:
@@ -143,8 +119,7 @@ class FeederController(Node):
         self._event = self._now()  # time of the last image or result, ns
         self._waits = False
         self._problem = ''
-        self._logged: dict[str, float] = {}  # when each kind of problem was logged, s
-        self._counts = dict.fromkeys(('images', 'refused images', *PickOutcome), 0)
+        self._used = self._refused = 0  # images
         self._empty, self._empty_epoch = 0, -1
         topic = f'{FEEDER_ADVICE}/{self._part}'
         self._output = advertise(self, FeederAdvice, topic, LATCHED, overridable=True)
@@ -173,12 +148,12 @@ class FeederController(Node):
         try:
             is_used = self._tray.add_image(image_from(message), now)
         except InvalidValueError as error:
-            self._counts['refused images'] += 1
+            self._refused += 1
             self._report(str(error))
             return
         if not is_used:
             return
-        self._counts['images'] += 1
+        self._used += 1
         self._event, self._problem = now, ''
         self._advise()
         self._count_empty()
@@ -190,8 +165,6 @@ class FeederController(Node):
         problem = self._tray.add_result(
             outcome, message.image, message.detection, nanoseconds(message.header.stamp), now
         )
-        if outcome is not None:
-            self._counts[outcome] += 1
         self._event = now
         if problem:
             self._report(problem)
@@ -201,11 +174,16 @@ class FeederController(Node):
         self._update()
 
     def _on_model(self) -> None:
-        if self._model.current is not None:
-            self.get_logger().info(self._model.sentence)
+        if (model := self._model.current) is not None:
+            drops, flips = self._model.counts
+            self.get_logger().info(
+                f'{self._model.share.probability:.1%} of {self._part} can be picked ({drops} '
+                f'drops, {flips} flips): {60 * model.values.rate:.1f} parts per minute with '
+                f'{model.best_number} parts on the tray'
+            )
         # The picks of an image are worked off with the model with which they were chosen.
         is_untouched = self._tray.image == self._tray.newest
-        if self._model.current is None or self._advice is None or is_untouched:
+        if model is None or self._advice is None or is_untouched:
             self._advise()
         self._update()
 
@@ -266,14 +244,15 @@ class FeederController(Node):
         advice = self._current()
         picks = [each.detection.index for each in advice.picks]
         # The time in a hint changes all the time.
-        changing = (advice.choice, advice.supply, picks, advice.image, self._tray.epoch)
         reason = self._waits or advice.reason
-        if (*changing, reason, self._model.version) == self._published:
+        changing = advice.choice, advice.supply, picks, advice.image, self._tray.epoch, reason
+        if (*changing, self._model.current) == self._published:
             return
-        self._published = (*changing, reason, self._model.version)
+        self._published = (*changing, self._model.current)
         if self._waits:
             self.get_logger().warning(advice.reason, throttle_duration_sec=LOG_PERIOD)
         share, (drops, actions) = self._model.share, self._model.counts
+        expected, now = advice.expected, advice.expected.get(advice.choice)
         self._output.publish(
             FeederAdvice(
                 header=Header(stamp=self.get_clock().now().to_msg(), frame_id=advice.frame),
@@ -285,7 +264,16 @@ class FeederController(Node):
                 upper=share.upper,
                 drops=drops,
                 actions=actions,
-                **advice_fields(advice),
+                image=advice.image,
+                choice=CHOICES[advice.choice],
+                then=CHOICES[advice.then],
+                supply=advice.supply,
+                rate=math.nan if now is None else now.rate,
+                reason=advice.reason,
+                choices=[CHOICES[choice] for choice in expected],
+                expected_picks=[each.picks for each in expected.values()],
+                seconds=[each.seconds for each in expected.values()],
+                rates=[each.rate for each in expected.values()],
             )
         )
 
@@ -293,15 +281,10 @@ class FeederController(Node):
 
     def _diagnose(self) -> Diagnosis:
         advice = self._current()
-        values: dict[str, Any] = {
-            'part': self._part,
-            'epoch': self._tray.epoch,
-            'image': self._image_number,
-            'images used': self._counts['images'],
-            'images refused': self._counts['refused images'],
+        values = {
+            'images used': self._used,
+            'images refused': self._refused,
             'images stale': self._tray.stale,
-            **{each.value: self._counts[each] for each in PickOutcome},
-            **self._model.values,
         }
         warnings = [self._problem] if self._problem else []
         if self._waits:
@@ -317,12 +300,7 @@ class FeederController(Node):
     def _report(self, problem: str) -> None:
         """Log a problem, and show it in the diagnostics until the next image."""
         self._problem = problem
-        # The numbers in a problem change with each image.
-        kind, now = re.sub(r'[\d.]+', '', problem), time.monotonic()
-        self._logged = {k: t for k, t in self._logged.items() if now - t < LOG_PERIOD}
-        if kind not in self._logged and len(self._logged) < MAX_LOGGED:
-            self._logged[kind] = now
-            self.get_logger().warning(problem)
+        self.get_logger().warning(problem, throttle_duration_sec=LOG_PERIOD)
 
     @property
     def _image_number(self) -> int:

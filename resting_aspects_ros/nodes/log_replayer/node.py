@@ -2,7 +2,6 @@
 
 import importlib
 import posixpath
-import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,71 +9,57 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from resting_aspects_ros.errors import InvalidValueError, LogError, one_line
 from resting_aspects_ros.logs.bag import EXPECTED
-from resting_aspects_ros.logs.mcap_file import LoggedMessage
-from resting_aspects_ros.logs.reader import RecordedTopic, Recording
+from resting_aspects_ros.logs.reader import LoggedMessage, Recording
 from resting_aspects_ros.logs.topics import check_definition
 from resting_aspects_ros.ros.callbacks import advertise, steady_timer
 from resting_aspects_ros.ros.conversions import NANOSECONDS, time_msg
-from resting_aspects_ros.ros.diagnostics import Diagnosis, count_text, publish_diagnostics
-from resting_aspects_ros.ros.discovery import CLOCK, LivelinessMonitor, announce, clock_conflicts
+from resting_aspects_ros.ros.health import (
+    CLOCK,
+    Diagnosis,
+    LivelinessMonitor,
+    announce,
+    clock_conflicts,
+    count_text,
+    publish_diagnostics,
+)
 from resting_aspects_ros.ros.interface import (
-    ASPECT_DISTRIBUTIONS,
     CELL,
-    DETECTIONS,
     DROP_SIMULATOR,
-    FEEDER_ADVICE,
     LATCHED,
     LOG_REPLAYER,
-    OBSERVED_COUNTS,
-    PARTS,
     PAUSE,
-    PICK_RESULT,
     POSES,
-    POSTERIOR,
-    RESTING_POSES,
     RESUME,
     SERVICES,
-    SURROUNDINGS,
     SURROUNDINGS_QOS,
-    TRANSITIONS,
 )
 from resting_aspects_ros.ros.program import Parameter, declare, run_node
 
-_MESSAGES = 'resting_aspects_interfaces/msg'
-# Type of the suite's topics, by the beginning of their names, and their QoS if the log has none.
-_SUITE = {
-    RESTING_POSES: (f'{_MESSAGES}/RestingPoses', POSES),
-    PARTS: (f'{_MESSAGES}/PartDescription', LATCHED),
-    SURROUNDINGS: (f'{_MESSAGES}/SurroundingsDescription', SURROUNDINGS_QOS),
-    ASPECT_DISTRIBUTIONS: (f'{_MESSAGES}/AspectDistribution', LATCHED),
-    TRANSITIONS: (f'{_MESSAGES}/TransitionMatrix', LATCHED),
-    DETECTIONS: (f'{_MESSAGES}/DetectionArray', CELL),
-    PICK_RESULT: (f'{_MESSAGES}/PickResult', CELL),
-    FEEDER_ADVICE: (f'{_MESSAGES}/FeederAdvice', LATCHED),
-    OBSERVED_COUNTS: (f'{_MESSAGES}/ObservedCounts', LATCHED),
-    POSTERIOR: (f'{_MESSAGES}/Posterior', LATCHED),
+# QoS of the suite's topics by their types, if the log has none. The name of a topic is that of its
+# kind, followed by the part unless there is one topic for all parts.
+_FOR_ALL = {'RestingPoses': POSES, 'DetectionArray': CELL, 'PickResult': CELL}
+_BY_PART = {
+    'PartDescription': LATCHED,
+    'SurroundingsDescription': SURROUNDINGS_QOS,
+    'AspectDistribution': LATCHED,
+    'TransitionMatrix': LATCHED,
+    'FeederAdvice': LATCHED,
+    'ObservedCounts': LATCHED,
+    'Posterior': LATCHED,
 }
-_SINGLE = (RESTING_POSES, DETECTIONS, PICK_RESULT)
-_SUITE_TOPIC = re.compile(
-    rf'(?P<namespace>(?:/\w+)*)/'
-    rf'(?:{"|".join(_SINGLE)}|(?:{"|".join(_SUITE.keys() - set(_SINGLE))})/\w+)',
-    re.ASCII,
-)
+_PACKAGE = 'resting_aspects_interfaces/msg/'
 # QoS of other topics if the log has none, as in rosbag2.
 _OTHERS = QoSProfile(depth=10)
-
-# A topic name that is valid in ROS and not hidden; the topics of an action are hidden.
-_NAME = re.compile(r'(/[A-Za-z]\w*)+', re.ASCII)
-_MAX_NAME_LENGTH = 247  # DDS terminates a program that uses a longer name
-_TYPE = re.compile(r'[A-Za-z]\w*/msg/[A-Za-z]\w*', re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -88,7 +73,6 @@ class ReplayedTopic:
 
     recorded: str
     name: str
-    type: str
     message: Any
     qos: QoSProfile
 
@@ -107,12 +91,15 @@ def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str
     for topic in recording.topics.values():
         reason = _skip_reason(topic, namespace)
         if reason:
-            skipped.append(one_line(f'{topic.name}: {reason}'))
+            skipped.append(one_line(f'{topic.topic}: {reason}'))
             continue
         check_definition(recording.path, topic.type, topic.type_hash)
-        name = topic.name.removeprefix(namespace).removeprefix('/')
-        message = _message_class(recording, topic)
-        replayed.append(ReplayedTopic(topic.name, name, topic.type, message, _qos(topic)))
+        name = topic.topic.removeprefix(namespace).removeprefix('/')
+        replayed.append(
+            ReplayedTopic(
+                topic.topic, name, _message_class(recording, topic), _qos(recording, topic)
+            )
+        )
     if not replayed:
         raise LogError(
             f'log {str(recording.path)!r} has no topic that can be replayed: {"; ".join(skipped)}'
@@ -120,41 +107,50 @@ def replayed_topics(recording: Recording) -> tuple[list[ReplayedTopic], list[str
     return replayed, skipped
 
 
-def _namespace(topics: Iterable[RecordedTopic]) -> str:
+def _namespace(topics: Iterable[LoggedMessage]) -> str:
     """Return the namespace of the recorded suite, such as '/cell_1' or '/'."""
-    types = {type_name for type_name, _ in _SUITE.values()}
-    namespaces = {
-        match['namespace'] or '/'
-        for topic in topics
-        if (match := _SUITE_TOPIC.fullmatch(topic.name)) and topic.type in types
-    }
+    namespaces = set()
+    for topic in topics:
+        kind = topic.type.removeprefix(_PACKAGE)
+        if kind in _FOR_ALL:
+            namespaces.add(posixpath.dirname(topic.topic))
+        elif kind in _BY_PART:
+            namespaces.add(posixpath.dirname(posixpath.dirname(topic.topic)))
     return posixpath.commonpath(namespaces) if namespaces else '/'
 
 
-def _skip_reason(topic: RecordedTopic, namespace: str) -> str:
-    if not topic.name.startswith(f'{namespace.rstrip("/")}/'):
+def _skip_reason(topic: LoggedMessage, namespace: str) -> str:
+    if not topic.topic.startswith(f'{namespace.rstrip("/")}/'):
         return f'not in {namespace}, the namespace of the suite in the log'
-    if not _NAME.fullmatch(topic.name) or len(topic.name) > _MAX_NAME_LENGTH:
-        return 'hidden, or not a valid ROS topic name'
-    if topic.encoding != 'cdr' or not _TYPE.fullmatch(topic.type):
-        return f'not ROS 2 messages (type {topic.type or "missing"}, encoding {topic.encoding})'
+    try:
+        validate_full_topic_name(topic.topic)  # DDS ends a program that uses a longer name
+    except InvalidTopicNameException:
+        return 'not a valid ROS topic name'
+    if '/_' in topic.topic:
+        return 'hidden, as the topics of an action are'
+    encoding = topic.channel.message_encoding
+    if encoding != 'cdr' or '/msg/' not in topic.type:
+        return f'not ROS 2 messages (type {topic.type or "missing"}, encoding {encoding})'
     return ''
 
 
-def _message_class(recording: Recording, topic: RecordedTopic) -> Any:
+def _message_class(recording: Recording, topic: LoggedMessage) -> Any:
     package, _, short = topic.type.partition('/msg/')
     try:
         return getattr(importlib.import_module(f'{package}.msg'), short)
     except (ImportError, AttributeError) as error:
         raise LogError(
-            f'log {str(recording.path)!r} has topic {topic.name} of type {topic.type}, but the '
+            f'log {str(recording.path)!r} has topic {topic.topic} of type {topic.type}, but the '
             f'Python class of this type is not installed: {error}'
         ) from None
 
 
-def _qos(topic: RecordedTopic) -> QoSProfile:
-    default = dict(_SUITE.values()).get(topic.type, _OTHERS)
-    recorded = topic.qos
+def _qos(recording: Recording, topic: LoggedMessage) -> QoSProfile:
+    default = {**_FOR_ALL, **_BY_PART}.get(topic.type.removeprefix(_PACKAGE), _OTHERS)
+    try:
+        recorded = topic.qos
+    except LogError as error:
+        raise LogError(f'log {str(recording.path)!r}, topic {topic.topic}: {error}') from None
     if recorded is None:
         return default
     return QoSProfile(
@@ -171,37 +167,19 @@ PAUSE_BEFORE = NANOSECONDS
 SLICE = NANOSECONDS // 20
 
 
-@dataclass(frozen=True)
-class ReplayPosition:
-    """The position of a replay.
-
-    time : time in the log, ns since 1970
-    seconds : time since the start of the log, s
-    length : length of the log, s
-    messages : number of messages published in this round
-    round : number of the round, from 1; increases with each repetition of a loop
-    """
-
-    time: int
-    seconds: float
-    length: float
-    messages: int
-    round: int
-    paused: bool
-    over: bool
-
-    def __str__(self) -> str:
-        return f'{self.seconds:.3f} s of {self.length:.3f} s, message {self.messages}'
-
-
 class LogPlayer:
     """Publishes a log, once or in a loop.
 
-    The descriptions of parts and surroundings are published first.
-
+    Parameters
+    ----------
     publish : called with each message
     rate : divides the recorded times; None publishes without pauses
     clock : returns monotonic time, ns
+
+    Attributes
+    ----------
+    sent : number of messages published in this round
+    round : number of the round, from 1; increases with each repetition of a loop
     """
 
     def __init__(
@@ -216,15 +194,13 @@ class LogPlayer:
     ) -> None:
         self._recording = recording
         self._topics = {topic.recorded for topic in topics}
-        described = (_SUITE[PARTS][0], _SUITE[SURROUNDINGS][0])
-        self._descriptions = {topic.recorded for topic in topics if topic.type in described}
-        self._span = recording.span(self._topics)
+        self._start, self._length = recording.start, recording.end - recording.start
         self._publish = publish
         self._rate = rate
         self._loop = loop
         self._clock = clock
         self._paused_at: int | None = None
-        self._round = 0
+        self.round = 0
         self._begin()
 
     @property
@@ -238,19 +214,21 @@ class LogPlayer:
         return self._paused_at is not None
 
     @property
-    def position(self) -> ReplayPosition:
-        """The current position; with a rate, it advances between two messages as well."""
-        length = self._span.end - self._span.start
-        done = length if self.over else min(length, self._elapsed())
-        return ReplayPosition(
-            self._span.start + done,
-            done / NANOSECONDS,
-            length / NANOSECONDS,
-            self._sent,
-            self._round,
-            self.paused,
-            self.over,
-        )
+    def time(self) -> int:
+        """Time in the log, ns since 1970; with a rate, it advances between two messages, too."""
+        if self.over:
+            return self._start + self._length
+        if self._rate is None:
+            return self._last
+        now = self._clock() if self._paused_at is None else self._paused_at
+        done = max(0, int((now - self._started) * self._rate))
+        return self._start + min(self._length, done)
+
+    @property
+    def position(self) -> str:
+        """The position as a text."""
+        seconds, length = (self.time - self._start) / NANOSECONDS, self._length / NANOSECONDS
+        return f'{seconds:.3f} s of {length:.3f} s, message {self.sent}'
 
     def pause(self) -> None:
         """Publish nothing until ``resume``."""
@@ -275,29 +253,23 @@ class LogPlayer:
         return None
 
     def _begin(self) -> None:
-        self._messages = self._recording.messages(self._topics, first=self._descriptions)
+        self._messages = self._recording.messages(self._topics)
         self._next = next(self._messages, None)
-        self._last = self._span.start
-        self._sent = 0
-        self._round += 1
+        self._last = self._start
+        self.sent = 0
+        self.round += 1
         self._started = self._clock() + PAUSE_BEFORE
-
-    def _elapsed(self) -> int:
-        if self._rate is None:
-            return self._last - self._span.start
-        now = self._clock() if self._paused_at is None else self._paused_at
-        return max(0, int((now - self._started) * self._rate))
 
     def _due(self, message: LoggedMessage) -> int:
         """Return the clock time of publication; relative to the start, so delays do not add up."""
         if self._rate is None:
             return self._started
-        return self._started + int((message.time - self._span.start) / self._rate)
+        return self._started + int((message.time - self._start) / self._rate)
 
     def _send(self, message: LoggedMessage) -> None:
         self._publish(message)
         self._last = message.time
-        self._sent += 1
+        self.sent += 1
         self._next = next(self._messages, None)
         if self._next is None and self._loop:
             self._begin()
@@ -307,12 +279,12 @@ MIN_RATE, MAX_RATE = 0.001, 1000.0
 PARAMETERS = (
     Parameter('log', '', 'log to replay: the folder of a run, or an .mcap file'),
     Parameter('rate', 1.0, 'speed of the replay, relative to the recording', (MIN_RATE, MAX_RATE)),
-    Parameter('as_fast_as_possible', False, 'ignore the recorded times; requires rate 1.0'),
+    Parameter('as_fast_as_possible', False, 'ignore the recorded times, and the rate'),
     Parameter('loop', False, 'start again one second after the end'),
     Parameter('clock', False, 'publish the recorded time on /clock, for nodes with use_sim_time'),
 )
-# Maximum time between two calls of ``watch``, ns.
-WATCH_PERIOD = 100_000_000
+# Maximum time between two messages on /clock, ns.
+CLOCK_PERIOD = 100_000_000
 
 
 class LogReplayer(Node):
@@ -323,22 +295,13 @@ class LogReplayer(Node):
     Parameters
     ----------
     given : values of parameters, which override those of --ros-args
-    watch : called regularly with the position
     options : of rclpy.node.Node, such as the namespace and the context
     """
 
-    def __init__(
-        self,
-        given: Mapping[str, Any] | None = None,
-        watch: Callable[[ReplayPosition], object] = lambda _: None,
-        **options: Any,
-    ) -> None:
+    def __init__(self, given: Mapping[str, Any] | None = None, **options: Any) -> None:
         overrides = [RosParameter(name, value=value) for name, value in (given or {}).items()]
         super().__init__(LOG_REPLAYER, parameter_overrides=overrides, **options)
         values = declare(self, PARAMETERS)
-        rate, fast = values['rate'], values['as_fast_as_possible']
-        if fast and rate != 1.0:
-            raise InvalidValueError(f'invalid rate {rate}: expected 1.0 with as_fast_as_possible')
         if not values['log']:
             raise InvalidValueError(f"invalid log '': {EXPECTED}")
         recording = Recording(Path(values['log']))
@@ -348,13 +311,12 @@ class LogReplayer(Node):
             topic.recorded: advertise(self, topic.message, topic.name, topic.qos, overridable=True)
             for topic in topics
         }
-        self._watch = watch
         self._started = time.monotonic()
-        self._replay = LogPlayer(
+        self._player = LogPlayer(
             recording,
             topics,
-            self._publish,
-            rate=None if fast else rate,
+            lambda message: self._outputs[message.topic].publish(message.data),
+            rate=None if values['as_fast_as_possible'] else values['rate'],
             loop=values['loop'],
         )
         self._clock_output = (
@@ -369,29 +331,22 @@ class LogReplayer(Node):
             self.get_logger().warning(recording.warning)
         for topic_and_reason in skipped:
             self.get_logger().warning(f'not replayed: {topic_and_reason}')
-        self.get_logger().info(
-            f'ready: {recording.path}, {count_text(len(topics), "topic", "topics")}, '
-            f'{self._replay.position.length:.3f} s'
-        )
+        number = count_text(len(topics), 'topic', 'topics')
+        self.get_logger().info(f'ready: {recording.path}, {number}')
         self._timer = steady_timer(self, 0.0, self._step)
 
-    def _publish(self, message: LoggedMessage) -> None:
-        self._outputs[message.topic].publish(message.data)
-
     def _step(self) -> None:
-        wait = self._replay.play()
-        position = self._replay.position
-        self._watch(position)
+        wait = self._player.play()
         if self._clock_output is not None:
-            self._clock_output.publish(Clock(clock=time_msg(position.time)))
+            self._clock_output.publish(Clock(clock=time_msg(self._player.time)))
         if wait is None:
             self._timer.cancel()
         else:
-            self._step_after(min(wait, WATCH_PERIOD))
-        if position.over:
+            self._step_after(wait if self._clock_output is None else min(wait, CLOCK_PERIOD))
+        if self._player.over:
             self.get_logger().info(
                 f'replayed in {time.monotonic() - self._started:.3f} s: '
-                f'{count_text(position.messages, "message", "messages")}; '
+                f'{count_text(self._player.sent, "message", "messages")}; '
                 'latched topics stay available until Ctrl-C'
             )
 
@@ -400,14 +355,14 @@ class LogReplayer(Node):
         self._timer.reset()
 
     def _diagnose(self) -> Diagnosis:
-        position = self._replay.position
+        player = self._player
         values = {
             'log': self._log,
-            'at': position,
-            'messages published': position.messages,
-            'round': position.round,
+            'at': player.position,
+            'messages published': player.sent,
+            'round': player.round,
         }
-        state = 'over' if position.over else 'paused' if position.paused else 'replaying'
+        state = 'over' if player.over else 'paused' if player.paused else 'replaying'
         warnings = []
         if self._simulators.count:
             warnings = [f'a {DROP_SIMULATOR} in this namespace publishes on the same topics']
@@ -417,27 +372,20 @@ class LogReplayer(Node):
         return Diagnosis(state, values, warnings)
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._replay.paused:
-            return self._answer(response, 'already paused')
-        self._replay.pause()
-        return self._answer(response, 'paused', changed=True)
+        self._player.pause()
+        return self._answer(response, 'paused')
 
     def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if not self._replay.paused:
-            return self._answer(response, 'not paused')
-        self._replay.resume()
-        self._step_after(0)
-        return self._answer(response, 'resumed', changed=True)
+        if self._player.paused:
+            self._player.resume()
+            self._step_after(0)
+        return self._answer(response, 'replaying')
 
-    def _answer(
-        self, response: Trigger.Response, state: str, *, changed: bool = False
-    ) -> Trigger.Response:
-        position = self._replay.position
-        self._watch(position)
-        response.success = not position.over
-        response.message = f'{"over" if position.over else state}, at {position}'
-        if changed and not position.over:
-            self.get_logger().info(response.message)
+    def _answer(self, response: Trigger.Response, state: str) -> Trigger.Response:
+        player = self._player
+        response.success = not player.over
+        response.message = f'{"over" if player.over else state}, at {player.position}'
+        self.get_logger().info(response.message)
         return response
 
 

@@ -43,10 +43,6 @@ class VisionExample(Node):
     Subscribes to camera/image_raw (mono8, bgr8 or rgb8; dark parts on a backlight) and to
     camera/camera_info, whose matrix K maps the surface of the tray at a distance of 1 m to pixels.
     Uses the service identify_part.
-
-    Parameters
-    ----------
-    options : of rclpy.node.Node, such as the namespace and the context
     """
 
     def __init__(self, **options: Any) -> None:

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.simulation.conditions import quantities_of, surroundings_folder
+from resting_aspects_ros.simulation.conditions import quantities_of
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     make_surroundings,
     named_surroundings,
+    surroundings_folder,
     surroundings_from,
     surroundings_names,
 )

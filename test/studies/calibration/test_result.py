@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from resting_aspects_ros.simulation.conditions import Surfaces, surfaces_file
+from resting_aspects_ros.simulation.conditions import Surfaces
 from resting_aspects_ros.studies.calibration.calibrate import statements, summarise
+from resting_aspects_ros.system import config_folder
 
 from .conftest import fitted
 
@@ -44,7 +45,8 @@ def test_counts_that_no_conditions_explain_are_said(result, contradicting):
 
 def test_entry_is_a_surface_with_its_samples(result, tmp_path):
     path = tmp_path / 'surfaces.yaml'
-    path.write_text(f'{surfaces_file().read_text()}\n{result.surface_entry()}')
+    shipped = config_folder() / 'surfaces.yaml'
+    path.write_text(f'{shipped.read_text()}\n{result.surface_entry()}')
     found, estimate = Surfaces.read(path).get('a_table'), result.estimates[0]
     assert found == result.conditions
     assert found.restitution == pytest.approx(estimate.best, rel=0.01)
