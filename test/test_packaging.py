@@ -38,6 +38,7 @@ DEPENDENCIES = {
     'contourpy': ('contourpy', 'python3-matplotlib'),  # which depends on it
     'cv2': ('opencv-python-headless', 'python3-opencv'),
     'domain_coordinator': ('ros-domain-coordinator', 'domain_coordinator'),
+    'pybullet_utils': ('pybullet', 'python3-pybullet-pip'),
     'yaml': ('pyyaml', 'python3-yaml'),
     # mcap reads chunks with the others.
     **dict.fromkeys(('lz4', 'mcap', 'zstandard'), ('mcap', 'mcap-ros2-support')),

@@ -1,7 +1,7 @@
 """A node as a program: its parameters, and its life until a signal to stop."""
 
 import argparse
-import faulthandler
+import ctypes
 import inspect
 import os
 import signal
@@ -182,18 +182,46 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 # -- Life of the process --------------------------------------------------------------------------
 
 
+# Constants of Linux: <time.h>, <signal.h>.
+_CLOCK_MONOTONIC, _SIGEV_THREAD = 1, 2
+
+
+class _Event(ctypes.Structure):
+    """``struct sigevent`` of a timer that calls a function with a value; 64 bytes."""
+
+    _fields_ = (
+        ('value', ctypes.c_void_p),
+        ('signal', ctypes.c_int),
+        ('notify', ctypes.c_int),
+        ('function', ctypes.c_void_p),
+        ('attributes', ctypes.c_void_p),
+        ('padding', ctypes.c_byte * 32),
+    )
+
+
+class _Times(ctypes.Structure):
+    """``struct itimerspec``: period and start, each in s and ns."""
+
+    _fields_ = tuple((name, ctypes.c_long) for name in ('every_s', 'every_ns', 's', 'ns'))
+
+
 @contextmanager
-def at_most(seconds: int) -> Iterator[None]:
-    """End this process, with exit code 1 and the stacks, if the block takes longer.
+def at_most(seconds: int, code: int) -> Iterator[None]:
+    """End this process with an exit code if the block takes longer, without any cleaning up.
 
     A thread of Python could not do so: native code that waits for ever may hold the lock of the
-    interpreter.
+    interpreter. A timer of the operating system calls ``_exit`` of the C library instead.
     """
-    faulthandler.dump_traceback_later(seconds, exit=True)
+    library = ctypes.CDLL(None)
+    end = ctypes.cast(library._exit, ctypes.c_void_p)  # noqa: SLF001 - a public C function
+    event = _Event(value=code, notify=_SIGEV_THREAD, function=end)
+    timer = ctypes.c_void_p()
+    library.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer))
+    library.timer_settime(timer, 0, ctypes.byref(_Times(s=seconds)), None)
     try:
         yield
     finally:
-        faulthandler.cancel_dump_traceback_later()
+        library.timer_delete(timer)
 
 
 # The domain with the highest UDP ports.
@@ -283,7 +311,7 @@ def _spin(factories: Sequence[Callable[[], Node]], stopped: Future) -> int:
         for node in nodes:
             if (close := getattr(node, 'close', None)) is not None:
                 close()  # ends what the node has started beside its ROS entities
-        with at_most(SHUTDOWN):
+        with at_most(SHUTDOWN, 0 if stopped.done() else code):
             _deliver(nodes)
             for node in nodes:
                 node.destroy_node()

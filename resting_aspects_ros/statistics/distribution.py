@@ -1,7 +1,6 @@
 """The distribution of drops over the aspects of a part, and over what the parts touch."""
 
 import dataclasses
-import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Optional
@@ -205,20 +204,17 @@ class History:
         self._aspects = aspects
         self._drops = 0
         self._counts = np.zeros(len(aspects) + 1, dtype=np.int64)  # first: in no aspect
-        steps = (FIRST_SAMPLE * 10 ** (k / SAMPLES_PER_DECADE) for k in itertools.count())
-        self._sample_drops = map(round, steps)
-        self._next = next(self._sample_drops)
         self._samples: list[tuple[int, Counts]] = []
 
     def add(self, ids: Counts) -> None:
         """Add the aspect ids of the next drops."""
         while len(ids):
-            batch, ids = np.split(ids, [self._next - self._drops])
+            following = round(FIRST_SAMPLE * 10 ** (len(self._samples) / SAMPLES_PER_DECADE))
+            batch, ids = np.split(ids, [following - self._drops])
             self._drops += len(batch)
             self._counts += np.bincount(batch, minlength=len(self._counts))
-            if self._drops == self._next:
+            if self._drops == following:
                 self._samples.append((self._drops, self._counts[1:].copy()))
-                self._next = next(self._sample_drops)
 
     def points(self) -> tuple[Counts, Counts]:
         """Return numbers of drops (m,), ascending, and the counts by aspect (m, k) after them."""

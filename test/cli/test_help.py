@@ -85,7 +85,9 @@ def test_only_the_requested_subcommand_is_loaded(words, expected):
 def test_node_help_describes_purpose_and_parameters(name, monkeypatch, capsys):
     node = import_module(f'resting_aspects_ros.nodes.{name}.node')
     monkeypatch.setattr(sys, 'argv', ['node', '--help'])
-    assert node.main() == 0
+    with pytest.raises(SystemExit) as ended:
+        node.main()
+    assert ended.value.code == 0
     usage, _, does, *others = capsys.readouterr().out.splitlines()
     assert usage.startswith('usage: ')
     assert re.match('Publishes|Records|Serves|Subscribes', does)

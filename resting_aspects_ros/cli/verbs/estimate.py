@@ -3,6 +3,7 @@
 import argparse
 
 from resting_aspects_ros.api.estimate import EstimateResult, estimate
+from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.estimate import METHODS
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.cli.console import show_table, show_texts
@@ -40,7 +41,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     Raises RestingAspectsError for wrong input, NotDefinedError if no requested method is defined.
     """
-    names = METHODS if arguments.method == ALL else arguments.method.split(',')
+    words = METHODS if arguments.method == ALL else arguments.method.split(',')
+    names = [word.strip() for word in words]
     result = estimate(options.requested_part(arguments), names, against=arguments.against)
     show_result(arguments, result.to_json, lambda: _show(result, each=arguments.each))
 
@@ -49,10 +51,9 @@ def _show(result: EstimateResult, *, each: bool) -> None:
     against = result.against
     by_class = not each or (against is not None and against.by_class)
     methods = [name for name in METHODS if name in {*result.estimates, *result.not_defined}]
-    shares = {
-        name: found.class_probabilities() if by_class else found.probabilities
-        for name, found in result.estimates.items()
-    }
+    shares: dict[str, Array | None] = dict.fromkeys(methods)
+    for name, found in result.estimates.items():
+        shares[name] = found.class_probabilities() if by_class else found.probabilities
     aspects = result.aspects
     rows = aspects.classes() if by_class else [(aspect,) for aspect in aspects]
     title = f'{result.part.name}: probability by method, %'
