@@ -53,7 +53,8 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     suite.client.wait(lambda: received[-1].part_sha256 != before, 'changed part')
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
-    answered(Status.NOT_AVAILABLE, only_known=True)
+    reason = answered(Status.NOT_AVAILABLE, only_known=True)
+    assert reason.endswith('; its last run was that of another version of the part')
     new = suite.client.ask('hex_nut', 3, seed=[1])
     assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
