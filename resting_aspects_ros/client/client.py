@@ -497,7 +497,7 @@ def _message(kind: Any, **fields: Any) -> Any:
             )
         try:
             setattr(message, name, _plain(value, types[name]))
-        except (AssertionError, TypeError):
+        except (AssertionError, OverflowError, TypeError):
             expected = types[name].replace('string', 'printable text')
             raise InvalidValueError(
                 f'invalid {name} {shown(value)}: expected {expected}'

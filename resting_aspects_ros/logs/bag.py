@@ -29,6 +29,8 @@ _SUFFIX = '.mcap'
 # Of files that rosbag2 (--compression-mode file) or the command zstd has compressed.
 _COMPRESSED = ('.mcap.zstd', '.mcap.zst')
 _INFORMATION = 'rosbag2_bagfile_information'
+# Maximum number of digits of a number of drops; Python does not read any number.
+_MAX_DIGITS = 20
 # Maximum size of metadata.yaml. A topic needs about 700 bytes.
 _MAX_BYTES = 1 << 20
 
@@ -143,7 +145,8 @@ class LogOutcome:
     def of(cls, values: Mapping[str, str]) -> LogOutcome | None:
         """Return the outcome in the values of its metadata record; None if they have none."""
         drops, whole = values.get('drops', ''), values.get('whole')
-        if whole not in ('true', 'false') or not drops.isdecimal():
+        is_number = drops.isdecimal() and len(drops) <= _MAX_DIGITS
+        if whole not in ('true', 'false') or not is_number:
             return None
         return cls(int(drops), whole == 'true')
 

@@ -71,8 +71,8 @@ def observed_from(
     batches: list[Counts] = []
     labels: list[str] = []
     for time, msg in messages:
-        totals = totals_from(msg, msg.part, '')
         try:
+            totals = totals_from(msg, msg.part, '')
             new = sessions.add(totals, time)
         except InvalidValueError:
             continue

@@ -92,6 +92,8 @@ def test_node_help_describes_purpose_and_parameters(name, monkeypatch, capsys):
     assert usage.startswith('usage: ')
     assert re.match('Publishes|Records|Serves|Subscribes', does)
     begin = others.index('parameters:') + 1
+    # The description does not list arguments of the class.
+    assert not [line for line in others[:begin] if ' : ' in line]
     listed = [line.split()[0] for line in others[begin : begin + len(node.PARAMETERS)]]
     assert listed == [parameter.name for parameter in node.PARAMETERS]
 

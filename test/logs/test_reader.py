@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs import writer
-from resting_aspects_ros.logs.bag import LogOutcome, is_log
+from resting_aspects_ros.logs.bag import LogOutcome, is_log, recorded_outcome
 from resting_aspects_ros.logs.reader import Recording, messages, open_log
 from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles
 from resting_aspects_ros.logs.writer import RunLog
@@ -72,9 +72,15 @@ def test_messages_count_and_outcome_of_a_closed_log(log):
         assert read_messages(recording) == WRITTEN  # as often as one likes
 
 
-def test_outcome_that_is_not_readable_is_unknown(log):
-    log.add_metadata('outcome', {'whole': 'tRue', 'drops': '6'})  # a flipped bit
+@pytest.mark.parametrize(
+    'outcome',
+    [{'whole': 'tRue', 'drops': '6'}, {'whole': 'true', 'drops': '6' * 5000}],
+    ids=['a flipped bit', 'more digits than Python reads'],
+)
+def test_outcome_that_is_not_readable_is_unknown(log, outcome):
+    log.add_metadata('outcome', outcome)
     log.close()
+    assert recorded_outcome(log.path.parent) is None
     with open_log(log.path) as found:
         assert len(list(found.messages())) == 7
         assert found.outcome is None

@@ -4,7 +4,7 @@ import re
 
 import pytest
 from rclpy.exceptions import ParameterException
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import (
     AspectDistribution,
     PartDescription,
@@ -17,9 +17,10 @@ from std_srvs.srv import Trigger
 
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.logs.reader import Recording
+from resting_aspects_ros.logs.topics import POSES_TYPE, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.conversions import nanoseconds
-from resting_aspects_ros.ros.interface import ALL_LATCHED, POSES
+from resting_aspects_ros.ros.interface import ALL_LATCHED, POSES, offered_qos
 
 # Drops in three messages.
 DROPS, MESSAGE = 1200, 500
@@ -154,13 +155,18 @@ def test_services_pause_and_resume(connect, namespace, replay, log):
         ({'log': "''"}, RestingAspectsError, "invalid log ''"),
         ({'log': '{tmp}/empty'}, RestingAspectsError, "'{tmp}/empty': expected at least one mess"),
         ({'log': '{log}', 'rate': '.nan'}, ParameterException, 'rate'),
+        ({'log': '{tmp}/late', 'clock': True}, RestingAspectsError, 'expected at most 2147483647'),
     ],
     ids=str,
 )
 def test_invalid_log_is_rejected(start, namespace, log, tmp_path, parameters, error, message):
     RunLog(tmp_path, 'empty').close()
+    late = RunLog(tmp_path, 'late')
+    topic = Topic('/resting_poses', POSES_TYPE, offered_qos(POSES))
+    late.write(topic, serialize_message(RestingPoses()), 2**31 * 10**9)
+    late.close()
     places = {'tmp': tmp_path, 'log': log}
-    given = {name: value.format(**places) for name, value in parameters.items()}
+    given = {name: str(value).format(**places) for name, value in parameters.items()}
     with pytest.raises(error) as rejected:
         start('log_replayer', namespace, given)
     assert message.format(**places) in str(rejected.value)

@@ -53,7 +53,8 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     suite.client.wait(lambda: received[-1].part_sha256 != before, 'changed part')
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
-    answered(Status.NOT_AVAILABLE, only_known=True)
+    reason = answered(Status.NOT_AVAILABLE, only_known=True)
+    assert reason.endswith('; its last run was that of another version of the part')
     new = suite.client.ask('hex_nut', 3, seed=[1])
     assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
@@ -61,6 +62,22 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
         (folder / name).unlink()
     listed('box_10x20x30', 'tetrahedron')
     assert 'known parts: box_10x20x30, tetrahedron' in answered(Status.UNKNOWN_PART)
+
+
+@pytest.mark.slow
+def test_part_that_is_gone_before_a_scan_is_not_offered(start, connect, namespace, few_parts):
+    """Its file is new: a goal reads it at once."""
+    folder = few_parts('tetrahedron')
+    seldom = {'nodes.drop_simulator.node.SCAN_PERIOD': 3.0}
+    start('drop_simulator', namespace, {'parts_folder': folder, 'workers': 1}, seldom)
+    client = connect(namespace)
+    client.wait(lambda: list(client.parts()) == ['tetrahedron'], 'first scan')
+    shutil.copy(parts_folder() / 'hex_nut.stl', folder)
+    assert client.drop('hex_nut', 3).result.status.code == Status.OK
+    (folder / 'hex_nut.stl').unlink()
+    client.wait(
+        lambda: client.drop('hex_nut', 3).result.status.code == Status.UNKNOWN_PART, 'next scan'
+    )
 
 
 def test_meshes_that_are_not_offered_are_reported_once(suite, listed, folder):

@@ -1,14 +1,18 @@
 """The log of every run, read with an independent reader, matches the received messages."""
 
+import os
 import resource
+from pathlib import Path
 
 import pytest
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription
 from rosbags.highlevel import AnyReader
 from wire import plain
 
+from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
+from resting_aspects_ros.nodes.drop_recorder.node import absolute_folder
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.run_logs.recorder import RunRecorder, whole_log
 from resting_aspects_ros.simulation.job import RunDescription
@@ -96,6 +100,18 @@ def record(surfaces, tmp_path):
         return log
 
     return record
+
+
+@pytest.mark.parametrize('name', ['gone', 'not UTF-8'])
+def test_folder_that_messages_cannot_contain_is_refused(tmp_path, monkeypatch, name):
+    working = tmp_path / os.fsdecode(b'\xff')
+    working.mkdir()
+    monkeypatch.chdir(working)
+    if name == 'gone':
+        working.rmdir()
+    with pytest.raises(InvalidValueError, match=r'invalid log_folder .*out/logs.*: expected'):
+        absolute_folder('out/logs')
+    assert absolute_folder('/mnt/disk') == Path('/mnt/disk')
 
 
 def test_failure_on_a_full_disk_is_reported_once(record):

@@ -6,7 +6,12 @@ import re
 
 import numpy as np
 import pytest
-from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
+from resting_aspects_interfaces.msg import (
+    AspectDistribution,
+    ObservedCounts,
+    PartDescription,
+    RestingPoses,
+)
 from scipy.stats import binomtest
 from wire import over_the_wire
 
@@ -15,6 +20,7 @@ from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros import conversions
+from resting_aspects_ros.ros.count_conversions import observed_from
 from resting_aspects_ros.ros.distribution_conversions import (
     distribution_from,
     distribution_msg,
@@ -165,6 +171,17 @@ def test_inconsistent_distribution_is_rejected(part, field, value, expected):
     setattr(message, field, value)
     with pytest.raises(InvalidValueError, match=re.escape(expected)):
         distribution_from(message)
+
+
+def test_invalid_counts_in_a_log_are_ignored():
+    """As aspect_classifier does; the third message has too long a name of its session."""
+    sent = [((3, 4), 'a'), ((5, 6), 'a'), ((9, 9), 'b' * 201), ((5, 7), 'a')]
+    logged = [
+        (10**18 + k, ObservedCounts(part='nut', supplied=total, session=session))
+        for k, (total, session) in enumerate(sent)
+    ]
+    observed = observed_from(logged, 'log', [1, 2])
+    assert observed.totals.tolist() == [5, 7]
 
 
 def test_part_round_trip(part):

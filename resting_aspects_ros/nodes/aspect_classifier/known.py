@@ -162,9 +162,9 @@ class PartRegistry:
             if problem := self.problem(name):
                 raise PartError(problem)
             parts = self.offered() if is_ready else dict(self._last)
-            is_read = name in self._offers and self._offers[name].part is None
+            is_being_read = name in self._offers and self._offers[name].part is None
             is_quiet = time.monotonic() - self._last_arrival >= QUIET_PERIOD
-            if not is_read and (name in parts or is_quiet):
+            if not is_being_read and (name in parts or is_quiet):
                 return parts
             await sleep_for(self.node, CHECK_PERIOD)
 
@@ -394,14 +394,16 @@ class LogLoader:
             self.state = f'{k} of {len(logs)} logs of earlier runs have been read, try again soon'
             try:
                 await self._read(log)
-            except RestingAspectsError as error:
+            except Exception as error:  # noqa: BLE001 - a log must not hide the others
                 self._unused.append(f'{printable(log.name)}: {error}')
         logger = self.node.get_logger()
         if logs:
+            read = count_text(len(logs[:MAX_LOGS]), 'log', 'logs')
+            known = count_text(len(self.known), 'distribution', 'distributions')
+            matrices = count_text(len(self.transitions), 'matrix', 'matrices')
             logger.info(
-                f'{len(logs[:MAX_LOGS])} logs in {folder} read in {time.monotonic() - start:.1f} '
-                f's: {len(self.known)} distributions and {len(self.transitions)} transition '
-                'matrices are known'
+                f'{read} in {folder} read in {time.monotonic() - start:.1f} s; known: {known} of '
+                f'drops, {matrices} of transitions'
             )
         if logs[MAX_LOGS:]:
             logger.warning(f'the {len(logs[MAX_LOGS:])} oldest logs in {folder} are not read')

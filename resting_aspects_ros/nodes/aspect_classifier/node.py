@@ -82,8 +82,6 @@ class AspectClassifier(Node):
     Publishes aspect_distributions/<part>, outlines/<part>, posterior/<part>, markers,
     surroundings_markers and current_poses, and known transitions/<part>. Serves
     get_distribution, get_transitions, classify_pose, identify_part and forecast.
-
-    options : of rclpy.node.Node
     """
 
     def __init__(self, **options: Any) -> None:

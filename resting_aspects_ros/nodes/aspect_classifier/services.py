@@ -122,9 +122,11 @@ class DistributionService:
             if parts and not sha:
                 raise unknown_part(request.part, parts)
             with_seed = '' if seed is None else f' with seed {seed}'
+            is_other = self.tallies.sha_of(request.part) not in ('', sha)
+            other = '; its last run was that of another version of the part' if is_other else ''
             raise NotAvailableError(
                 f'no known distribution of {request.part} under these conditions{with_seed} has '
-                f'at least {request.drops} drops'
+                f'at least {request.drops} drops{other}'
             )
         if found is None:
             await self.client.wait_until_ready()

@@ -27,6 +27,7 @@ from resting_aspects_interfaces.msg import (
 )
 
 from resting_aspects_ros.errors import InvalidValueError, LogError, RestingAspectsError
+from resting_aspects_ros.input_files import printable
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros.callbacks import WorkTimer, guarded_task, subscribe
@@ -245,6 +246,25 @@ class FeederRecorder:
                 log.close()
 
 
+def absolute_folder(path: str) -> Path:
+    """Return the absolute path of a folder, which can be on a disk that is mounted later.
+
+    Raises InvalidValueError if there is none, or if a ROS message cannot contain it.
+    """
+    try:
+        folder = Path(path).absolute()
+    except FileNotFoundError:
+        raise InvalidValueError(
+            f'invalid log_folder {path!r}: expected an absolute path, because the working folder '
+            'no longer exists'
+        ) from None
+    if printable(str(folder)) != str(folder):
+        raise InvalidValueError(
+            f'invalid log_folder {str(folder)!r}: expected UTF-8 text, as ROS messages require'
+        )
+    return folder
+
+
 class DropRecorder(Node):
     """Records resting_poses, parts/*, surroundings/* and transitions/*.
 
@@ -255,8 +275,7 @@ class DropRecorder(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(DROP_RECORDER, **options)
-        # Not checked now: it can be on a disk that is mounted later.
-        self._folder = Path(declare(self, PARAMETERS)['log_folder']).absolute()
+        self._folder = absolute_folder(declare(self, PARAMETERS)['log_folder'])
         self._logs: dict[str, RunRecorder] = {}
         self._parts: dict[str, tuple[PartDescription, bytes]] = {}
         self._surroundings: dict[str, tuple[SurroundingsDescription, bytes]] = {}  # by run id
@@ -301,10 +320,6 @@ class DropRecorder(Node):
         poses, run = poses_from(message), run_from(message.run)
         if (log := self._log(run)) is None:
             return
-        if run.sequence() != log.run.sequence():
-            raise InvalidValueError(
-                f'a message of run {run.run_id} describes another run than its earlier messages'
-            )
         stamp = nanoseconds(message.header.stamp)
         self._drops.add(
             log.write_poses(self._poses, data, self._now(), stamp, poses.first_drop, poses.end)
@@ -325,9 +340,17 @@ class DropRecorder(Node):
             self._ends(log)
 
     def _log(self, run: RunDescription, unit: str = 'drops') -> RunRecorder | None:
-        """Return the log of a run, opened for the first message; None if the run is recorded."""
-        if run.run_id in self._logs:
-            return self._logs[run.run_id]
+        """Return the log of a run, opened for the first message; None if the run is recorded.
+
+        Raises InvalidValueError if earlier messages with this run id are of another run.
+        """
+        if (known := self._logs.get(run.run_id)) is not None:
+            if (known.run.sequence(), known.unit) != (run.sequence(), unit):
+                raise InvalidValueError(
+                    f'a message of run {run.run_id} describes another run than its earlier '
+                    'messages'
+                )
+            return known
         if run.run_id in self._ended:
             return None
         if (earlier := whole_log(self._folder, run)) is not None:

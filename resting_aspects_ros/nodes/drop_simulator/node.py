@@ -123,7 +123,8 @@ class PartPublisher:
             return
         for problem in problems:
             self._warn_once(problem)
-        for name in set(self._stamps) - set(stamps):
+        # A part that was requested at once can be gone before a scan has found it.
+        for name in (set(self._stamps) | set(self._parts)) - set(stamps):
             self._remove(name)
         for name, stamp in stamps.items():
             if self._stamps.get(name) != stamp:
@@ -182,8 +183,6 @@ class DropSimulator(Node):
 
     Publishes parts/<part>, surroundings/<part>, resting_poses, transitions/<part> and
     default_conditions.
-
-    options : of rclpy.node.Node
     """
 
     def __init__(self, **options: Any) -> None:

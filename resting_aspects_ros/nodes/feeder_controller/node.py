@@ -105,8 +105,6 @@ class FeederController(Node):
 
     Subscribes to detections, pick_result, parts/<part>, aspect_distributions/<part> and
     transitions/<part>, and calls get_distribution if no drops are known.
-
-    options : of rclpy.node.Node
     """
 
     def __init__(self, **options: Any) -> None:

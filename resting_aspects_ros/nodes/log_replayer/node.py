@@ -285,6 +285,8 @@ PARAMETERS = (
 )
 # Maximum time between two messages on /clock, ns.
 CLOCK_PERIOD = 100_000_000
+# The largest number of seconds in a message with a time.
+MAX_SECONDS = 2**31 - 1
 
 
 class LogReplayer(Node):
@@ -305,6 +307,11 @@ class LogReplayer(Node):
         if not values['log']:
             raise InvalidValueError(f"invalid log '': {EXPECTED}")
         recording = Recording(Path(values['log']))
+        if values['clock'] and recording.end // NANOSECONDS > MAX_SECONDS:
+            raise LogError(
+                f'invalid log {str(recording.path)!r} with a message {recording.end} ns after '
+                f'1970: expected at most {MAX_SECONDS} s, the latest time on {CLOCK}'
+            )
         self._log = recording.path
         topics, skipped = replayed_topics(recording)
         self._outputs = {
