@@ -221,7 +221,7 @@ def test_invalid_qos_is_refused(foreign, text, expected):
 
 def test_memory_does_not_grow_with_the_log(tmp_path):
     """Messages of 100 kB that do not compress; the most is that of a few."""
-    size, count = 100_000, 60
+    size, count = 100_000, 200
     state = bytearray(random.Random(1).randbytes(size))
     with closing(RunLog(tmp_path, 'run')) as log:
         for k in range(count):
@@ -235,4 +235,5 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
     finally:
         tracemalloc.stop()
     assert found == size * count
-    assert most < 20 * size
+    # Threads of earlier tests may allocate some, too.
+    assert most < count * size / 3
