@@ -8,7 +8,6 @@ import os
 import re
 import stat
 import sys
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -104,10 +103,12 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-        keys = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
-        for key, number in keys.items():
-            if number > 1:
-                raise ValueError(f'the key {shown(key)} occurs twice{node.start_mark}')
+        seen = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                line = key.start_mark.line + 1
+                raise ValueError(f'the key {shown(key.value)} occurs twice, again in line {line}')
+            seen.add(key.value)
         return super().construct_mapping(node, deep)
 
 

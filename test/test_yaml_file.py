@@ -119,3 +119,8 @@ def test_a_file_is_read_and_named_in_errors(tmp_path):
 def test_text_is_read_as_it_was_written(text):
     for value in (text, '547775e40049', '0x1f', '12', '1.5', 'null'):
         assert parse_yaml(yaml_text({'run_id': value}), 'sheet') == {'run_id': value}
+
+
+def test_double_key_is_named_with_its_line():
+    with pytest.raises(InvalidValueError, match=r"the key 'kind' occurs twice, again in line 3$"):
+        parse_yaml('a:\n  kind: kick\n  kind: kick\n', 'actions')

@@ -49,6 +49,7 @@ from resting_aspects_ros.statistics.transitions import TransitionMatrix, no_acti
 
 # Seed of the random tables of a p value, so that equal inputs give equal results.
 SEED = 1
+MAX_LISTED = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +155,16 @@ def _check_same_aspects(a: CountedDrops, b: CountedDrops) -> None:
         (f'A, {a.source!r},', a.part, a.part_sha256), (f'B, {b.source!r},', b.part, b.part_sha256)
     )
     if a.members != b.members:
+        # Counts that the suite wrote have all aspects of the part.
+        wrong, right = (b, a) if b.run is None else (a, b)
         many = 'classes' if a.by_class else 'aspects'
+        given, expected = (
+            ', '.join(map(str, each.members[:MAX_LISTED])) for each in (wrong, right)
+        )
         raise InvalidValueError(
-            f'invalid {many} {shown(a.members)} in {a.source!r}: expected those in {b.source!r}, '
-            f'{shown(b.members)} (what was never seen has count 0; what looks the same is counted '
-            'in a column class instead of aspect)'
+            f'invalid {many} {given} in {wrong.source!r}: expected those in {right.source!r}, '
+            f'{expected} (what was never seen has count 0; what looks the same is counted in a '
+            'column class instead of aspect)'
         )
 
 

@@ -154,8 +154,11 @@ def _read_csv(
     of_label = next((k for k, name in enumerate(table.names) if name in LABELS), None)
     if of_count is None and not {*table.names} <= {what, *LABELS}:  # a misspelt count
         raise table.wrong_header(_EXPECTED)
-    among = '' if ids is None else f', one of {", ".join(map(str, ids))}'
-    expected = f'the number of {what}{among}, in one group, or one of {", ".join(REST)}'
+    expected = 'the number of an aspect'
+    if what == 'class':
+        among = '' if ids is None else f', one of {", ".join(map(str, ids))}'
+        expected = f'the number of a class{among}, each in one group only (such as 3+4)'
+    expected += f', or one of {", ".join(REST)}'
     labels: list[str] = []
     found: list[tuple[int, tuple[int, ...], int]] = []  # batch, group and number
     group_of: dict[int, tuple[int, ...]] = {}

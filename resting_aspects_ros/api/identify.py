@@ -249,8 +249,8 @@ def identification_hint(
     longest = max(outline.length for part in known for outline in part.outlines)
     text = (
         f'It is {1000 * length:.3g} mm long, and the longest known outline {1000 * longest:.3g} '
-        'mm. Check the unit (m), the scale of the camera, the unit of the mesh (--unit), the '
-        'noise, and that "holes" contains the through-holes.'
+        'mm. If it is a known part, check the unit (m), the scale of the camera, the unit of the '
+        'mesh (--unit), the noise, and that "holes" contains the through-holes.'
     )
     return f'{text} {hint}'.strip()
 

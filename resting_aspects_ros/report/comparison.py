@@ -157,9 +157,9 @@ def measures(comparison: Comparison, sides: ComparedResults) -> dict[str, str]:
     by = 'chi-square' if comparison.p_by == 'chi-square' else f'Monte Carlo, {TABLES} tables'
     rows = {
         'total variation': f'{100 * comparison.total_variation:.3g} %',
-        'largest deviation': f'{largest} % in {sides.what} {sides.names[k]}',
+        'largest deviation': f'{largest} points in {sides.what} {sides.names[k]}',
         'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
-        'p value': f'{p_text(comparison.p_value)} by {by}',
+        'p value': f'{p_text(comparison.p_value).removeprefix("p = ")} by {by}',
         'drops in aspects': ', '.join(
             f'{label} {tally.counts.sum()} of {tally.drops}'
             for label, tally in zip(sides.labels, sides.tallies, strict=True)

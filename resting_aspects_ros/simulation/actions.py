@@ -694,7 +694,9 @@ class Actions:
     def get(self, name: str) -> NamedAction:
         """Return a named action; raises InvalidValueError."""
         if name not in self._actions:
-            expected = [*KINDS, *(each for each in self._actions if each not in KINDS)]
+            expected = self.names()
+            if name not in KINDS:  # where a kind is an action, too, its name does not come here
+                expected = [*KINDS, *(each for each in expected if each not in KINDS)]
             raise InvalidValueError(
                 f'invalid action {shown(name)}: expected one of {", ".join(expected)}'
                 f'{did_you_mean(name, expected)}'

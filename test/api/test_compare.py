@@ -80,10 +80,13 @@ def test_classes_can_be_counted_together(observed):
         ),
         (('class,count', '1,3', '2,-4'), "invalid count '-4' .* line 3: expected an integer"),
         (('class,count', '1,0'), 'invalid number of counted parts 0'),
-        (('class', '1', '4'), "invalid class '4' .* line 3: expected the number of class"),
+        (
+            ('class', '1', '4'),
+            "invalid class '4' .* line 3: expected the number of a class, one of 1, 2, 3",
+        ),
         (('batch,class,count', 'a,1,2', 'a,1,3'), 'each class once in a batch'),
         (('batch,class,count', 'a,1,2', 'b,1,3', 'a,2,3'), 'rows of a batch together'),
-        (('class,count', '2+3,5', '3,4'), "class '3' .* one of 1, 2, 3, in one group"),
+        (('class,count', '2+3,5', '3,4'), "class '3' .* one of 1, 2, 3, each in one group only"),
     ],
 )
 def test_wrong_files_are_named(observed, lines, message):

@@ -96,6 +96,15 @@ def test_classes_counted_together_are_compared_together(tmp_path):
         compare(tmp_path / 'a.csv', tmp_path / 'd.csv')
 
 
+def test_wrong_aspects_are_those_of_the_manual_counts(write_json, tmp_path):
+    write_json('a.json')
+    write_csv(tmp_path, 'aspect,count\n1,61\n2,70\n3,50\n')
+    paths = [tmp_path / 'a.json', tmp_path / 'm.csv']
+    for pair in (paths, paths[::-1]):
+        with pytest.raises(InvalidValueError, match=r'aspects 1, 2, 3 in .*m\.csv.*a\.json.*4, 5'):
+            compare(*pair)
+
+
 # -- the files -----------------------------------------------------------------------------------
 
 

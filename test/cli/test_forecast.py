@@ -14,3 +14,9 @@ def test_sizes_have_units():
     for wrong in ('', 'x', '10mm x', '1x2x3mm', '10'):
         with pytest.raises(InvalidValueError, match='expected'):
             parse_tray(wrong)
+
+
+@pytest.mark.parametrize('text', ['x', '-5mm', '9e9mm', '1x2x3mm'])
+def test_wrong_grippers_are_named_as_typed(text):
+    with pytest.raises(InvalidValueError, match=f'invalid --gripper {text!r}'):
+        parse_gripper(text)

@@ -12,7 +12,7 @@ from resting_aspects_ros.api.result import save_figure
 from resting_aspects_ros.cli import life_cycle, options
 from resting_aspects_ros.cli.console import show_table, show_texts
 from resting_aspects_ros.errors import InvalidValueError, shown
-from resting_aspects_ros.feeding.footprint import Footprint
+from resting_aspects_ros.feeding.footprint import MAX_SIDE, Footprint
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.forecast import cell_text, forecast_table, range_text
@@ -243,10 +243,10 @@ def parse_tray(text: str) -> tuple[float, float]:
 def parse_gripper(text: str) -> Footprint:
     """Return the footprint '40x10mm', a rectangle, or '20mm', a disc; raises InvalidValueError."""
     sides = _sides('--gripper', text)
-    if len(sides) > 2:
+    if len(sides) > 2 or not all(0 <= side <= MAX_SIDE for side in sides):
         raise InvalidValueError(
             f'invalid --gripper {shown(text)}: expected length and width, or a diameter, with a '
-            'unit, such as 40x10mm or 20mm'
+            f'unit, such as 40x10mm or 20mm, of at most {MAX_SIDE:g} m'
         )
     return Footprint(sides[0], sides[1]) if len(sides) == 2 else Footprint(0, 0, sides[0] / 2)
 
@@ -254,6 +254,10 @@ def parse_gripper(text: str) -> Footprint:
 def _sides(flag: str, text: str) -> list[float]:
     """Return lengths, m, of '200x150mm'; the last unit is that of sides without one."""
     words = [word.strip() for word in text.split('x')]
+    if not all(words):
+        raise InvalidValueError(
+            f'invalid {flag} {shown(text)}: expected lengths with a unit, such as 200x150mm'
+        )
     unit = words[-1].lstrip('0123456789. ')
     return [
         parse_quantity(flag, word if word[-1:].isalpha() else word + unit, 'm') for word in words
