@@ -285,9 +285,10 @@ def _quaternion_columns(table: CsvTable) -> list[int]:
     matches = [_QUATERNION.fullmatch(name) for name in bare]
     better = [match[1] if match else '' for match in matches]
     names = better if any(better) else bare
-    if any(names.count(axis) != 1 for axis in _AXES):
-        raise table.wrong_header(
-            'one column for each of x, y, z and w of the quaternion: qx, qy, qz, qw (or q_x, '
-            'quat_x, orientation.x, ...) or x, y, z, w, in any order, separated by , or ;'
-        )
+    for axis in _AXES:
+        if names.count(axis) != 1:
+            raise table.wrong_header(
+                f'one column for {axis} of the quaternion; its columns are qx, qy, qz, qw (or q_x, '
+                'quat_x, orientation.x, ...) or x, y, z, w, in any order, separated by , or ;'
+            )
     return [names.index(axis) for axis in _AXES]
