@@ -288,7 +288,7 @@ def _quaternion_columns(table: CsvTable) -> list[int]:
     for axis in _AXES:
         if names.count(axis) != 1:
             raise table.wrong_header(
-                f'one column for {axis} of the quaternion; its columns are qx, qy, qz, qw (or q_x, '
+                f'one column for {axis} of the quaternion; these are qx, qy, qz, qw (or q_x, '
                 'quat_x, orientation.x, ...) or x, y, z, w, in any order, separated by , or ;'
             )
     return [names.index(axis) for axis in _AXES]
