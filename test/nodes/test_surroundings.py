@@ -68,6 +68,9 @@ def test_surroundings_are_described_recorded_and_shown(suite, answer):
     assert (message.part, message.surroundings) == (PART, run.conditions.surroundings)
     assert [body.name for body in message.bodies] == ['belt', 'wall']
 
+    # One more drop: the markers are those of the run whose distribution changed last.
+    suite.client.ask(PART, 41, surroundings='l_chute', seed=[18])
+
     def patches():
         return shown and len([m for m in shown[-1].markers if m.ns == BODIES]) == 2
 
