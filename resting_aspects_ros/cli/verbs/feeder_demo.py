@@ -208,6 +208,8 @@ class FeederDemo:
                     time.sleep(PERIOD)
                 time.sleep(REST)
                 live.update(feeder_table(watch, forecast), refresh=True)
+            if not live.console.is_terminal:  # Live ends the line only there
+                live.console.line()
 
     def save(self) -> str:
         """Write what was found, print a summary, and return the document."""
