@@ -88,17 +88,6 @@ def test_what_a_turned_body_rests_on(solid, expected):
     assert expected in descriptions(solid(SIDES[expected].copy().apply_transform(TURNED)))
 
 
-def test_noise_of_a_scan_leaves_a_side_flat(solid):
-    mesh = create.box((10, 20, 30)).subdivide().subdivide()
-    mesh.vertices += np.random.default_rng(3).normal(0, 1e-5, mesh.vertices.shape)
-    expected = [f'flat side {sides} mm' for sides in ('10 x 20', '10 x 30', '20 x 30')]
-    assert descriptions(solid(mesh)) == expected
-
-
-def test_support_is_described_without_the_mesh(part):
-    assert resting_on(None, find_aspects(part('l_bracket'))[0]) == 'within 30 x 40 mm'
-
-
 # -- Contacts of poses with known contacts: a box on a floor, at a wall, and in a corner ----------
 
 
