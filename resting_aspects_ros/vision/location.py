@@ -214,7 +214,7 @@ class Placement:
 
 
 def checked_pose(
-    position: npt.ArrayLike, orientation: npt.ArrayLike, of: str = ''
+    position: npt.ArrayLike, orientation: npt.ArrayLike, of: str
 ) -> tuple[Array, Array]:
     """Return a position (3,), m, and a canonical quaternion (4,) xyzw; InvalidValueError.
 

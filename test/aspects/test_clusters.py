@@ -127,13 +127,14 @@ def clusters_of(labels):
 
 
 def test_agreement_of_every_pose_in_a_small_example():
-    # Cluster 1 contains aspect 2; aspect 3 is split into clusters 3 and 4; cluster 2 is in none.
-    aspect = np.array([1, 1, 1, 2, 2, 0, 0, 0, 0, 3, 3, 3])
-    cluster = np.array([1, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4])
+    # Cluster 1 contains aspect 2, and more poses in no aspect than in aspect 1; cluster 2 is in
+    # none; aspect 3 is split into clusters 3 and 4.
+    aspect = np.array([1, 1, 1, 2, 2, 0, 0, 0, 0, 0, 0, 0, 3, 3, 3])
+    cluster = np.array([1, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4])
     found = find_agreement(aspect, 4, clusters_of(cluster))
     assert found.cluster_of.tolist() == [1, 1, 3, 0]
     assert found.shared.tolist() == [3, 2, 2, 0]
-    assert found.agree.tolist() == [*[True] * 3, *[False] * 6, True, True, False]
+    assert found.agree.tolist() == [*[True] * 3, *[False] * 9, True, True, False]
 
 
 def test_both_agree_on_poses_near_a_facet(part):

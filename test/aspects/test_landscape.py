@@ -8,7 +8,6 @@ from resting_aspects_ros.aspects.landscape import Landscape
 
 SHAPES = [
     ('box', (10, 20, 30)),
-    ('prism', (7,)),
     ('icosphere', (2,)),
     ('filleted_box', ((10, 14, 20), 2, 4)),
     ('half_round_bar', (32,)),
