@@ -43,6 +43,7 @@ def test_class_and_camera_pose_are_found(known, name):
             each for each in found.candidates if each.symmetry_class == outline.symmetry_class
         ]
         assert match.posterior > 0.2
+        assert match.overlap > 0.99
         back = moved(outline.polygon, match.x, match.y, match.yaw)
         assert back.centroid.distance(polygon.centroid) < 1e-6
         if order := outline.yaw_symmetry:
