@@ -18,7 +18,7 @@ from resting_aspects_ros.statistics.drift import (
     parts_needed,
 )
 
-from .conftest import CONFIDENCES, COUNT, assert_ordered, batches, generator
+from .conftest import batches, generator
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
 TWO = np.array([0.7, 0.3])
@@ -82,8 +82,6 @@ def test_parts_needed_refuses_few_drops_and_wrong_values():
         parts_needed(SIMULATED // 100, 0.05)
     with pytest.raises(InvalidValueError, match='invalid shift'):
         parts_needed(SIMULATED, MAX_SHIFT + 0.01)
-    with pytest.raises(InvalidValueError, match='invalid power'):
-        parts_needed(SIMULATED, power=1)
 
 
 def test_drift_lasts_from_the_change_to_the_end():
@@ -99,10 +97,8 @@ def test_drift_lasts_from_the_change_to_the_end():
 @pytest.mark.parametrize(
     ('alarms', 'windows', 'drifted'),
     [
-        ([], 5, range(0)),
         ([1, 2], 4, range(1, 4)),  # one window can miss the deviation
         ([1, 2], 5, range(1, 3)),
-        ([1, 3], 4, range(1, 4)),
         ([0, 1, 4], 5, range(4, 5)),  # two windows without an alarm separate them
     ],
 )
@@ -129,16 +125,6 @@ def test_bounds_are_those_of_a_comparison():
     expected = table.sum() * np.outer(rows, columns)
     residuals = (table - expected) / np.sqrt(expected * np.outer(1 - rows, 1 - columns))
     assert found.residual == pytest.approx(residuals[0, 1])
-    # Of two classes, whose residuals are the same, the first is named.
-    assert largest_deviation(np.array([30, 70]), np.array([500, 500])).index == 0
-
-
-@given(st.lists(st.tuples(COUNT, COUNT), min_size=2, max_size=6), CONFIDENCES)
-def test_bounds_of_a_deviation_contain_it(rows, confidence):
-    parts, simulated = np.minimum(np.transpose(rows), 10**6)
-    if parts.any() and simulated.any():
-        found = largest_deviation(parts, simulated, confidence)
-        assert_ordered(found.lower, found.difference, found.upper)
 
 
 def test_scatter_widens_the_interval():
@@ -154,10 +140,8 @@ def test_scatter_widens_the_interval():
     ('rows', 'simulated', 'options', 'message'),
     [
         ([[5]], [10], {}, 'expected those of two or more classes'),
-        ([[5, 5]], [0, 0], {}, 'not all 0'),
         ([[5, 5]], [5, 5], {'level': 0.3}, 'invalid level 0.3: expected 0.0001 to 0.25'),
         ([[5, 5]], [5, 5], {'window': 11}, 'invalid window 11: expected an integer from 1 to 10'),
-        ([[5, 5]], [5, 5], {'window': 2.5}, 'invalid window 2.5'),
     ],
 )
 def test_wrong_arguments_are_named(rows, simulated, options, message):
