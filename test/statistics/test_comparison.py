@@ -85,14 +85,9 @@ def test_deviations_satisfy_the_axioms_of_a_distance(pair, confidence):
     # The gain of one aspect is the loss of the others.
     assert abs(found.largest_deviation) <= found.total_variation + 1e-12
     assert_ordered(found.lower, found.deviation, found.upper)
-    back = compared(other, one, confidence)
-    np.testing.assert_allclose(back.deviation, -found.deviation)
-    np.testing.assert_allclose(back.lower, -found.upper)
-    assert back.total_variation == pytest.approx(found.total_variation)
+    np.testing.assert_allclose(compared(other, one, confidence).lower, -found.upper)
     from_exact = with_exact(other, counts(*one) / counts(*one).sum(), confidence)
     assert_ordered(from_exact.lower, from_exact.deviation, from_exact.upper)
-    itself = compared(one, one)
-    assert (itself.total_variation, itself.p_value) == (0, pytest.approx(1))
 
 
 @pytest.mark.parametrize(
@@ -111,22 +106,13 @@ def test_published_intervals_of_differences(one, other, lower, upper):
     assert [float(each[0]) for each in found] == pytest.approx([lower, upper], abs=5e-5)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('first', 'second', 'drops'),
-    [
-        ([0.6, 0.3, 0.1], [0.5, 0.3, 0.2], (1000, 1000)),
-        ([0.9985, *[1e-4] * 15], [0.9985, *[1e-4] * 15], (1000, 1000)),
-    ],
-)
-def test_bounds_of_all_deviations_hold_simultaneously(first, second, drops):
-    runs = 400
-    draw = np.random.default_rng(6)
+def test_bounds_of_all_deviations_hold_simultaneously():
+    first, second = np.array([0.6, 0.3, 0.1]), np.array([0.5, 0.3, 0.2])
+    runs, draw = 400, np.random.default_rng(6)
     held = 0
-    truth = np.array(first) - np.array(second)
     for _ in range(runs):
-        one, other = (draw.multinomial(n, p) for n, p in zip(drops, (first, second), strict=True))
-        found = compared(one, other)
+        found = compared(draw.multinomial(1000, first), draw.multinomial(1000, second))
+        truth = first - second
         held += bool(((found.lower <= truth) & (truth <= found.upper)).all())
     assert held / runs >= 0.95 - errors(4, runs)
 
@@ -187,26 +173,6 @@ def test_p_value_of_a_window_is_that_of_chi_square_or_fisher():
     few, drops = np.array([3, 9]), np.array([30, 12])
     theirs = fisher_exact([few, drops]).pvalue
     assert p_of_window(few, drops, generator(), 0.001) == pytest.approx(theirs, rel=0.3)
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('shares', 'drops', 'parts', 'level', 'cautious'),
-    [
-        (FIVE, 10_000, 400, 0.01, False),
-        ([0.5, 0.3, 0.2], 100, 500, 0.05, False),  # the window is larger than the simulation
-        # With rare classes, equal statistics are frequent, and the test is cautious.
-        ([0.97, 0.01, 0.01, 0.005, 0.005], 2000, 150, 0.05, True),
-    ],
-)
-def test_false_rate_is_the_level(shares, drops, parts, level, cautious):
-    rng, repetitions = np.random.default_rng(5), 500
-    windows = rng.multinomial(parts, shares, size=repetitions)
-    simulated = rng.multinomial(drops, shares, size=repetitions)
-    p = [p_of_window(*pair, rng, level) for pair in zip(windows, simulated, strict=True)]
-    rate, error = np.mean(np.array(p) <= level), errors(3.3, repetitions, level)
-    assert rate <= level + error
-    assert cautious or rate >= level - error
 
 
 @pytest.mark.quick_cases(1)

@@ -16,7 +16,6 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.rotations import random_orientations
 from resting_aspects_ros.statistics import distribution as counting
 from resting_aspects_ros.statistics.distribution import (
-    FIRST_SAMPLE,
     OUTSIDE,
     ContactCounts,
     Distribution,
@@ -79,12 +78,6 @@ def test_each_pose_is_counted_exactly_once(aspects, seed, n):
     assert found.drops == n
 
 
-def test_all_drops_of_a_part_without_aspects_are_unclassified():
-    found = count_poses(AspectSet('a', ()), poses_with([[0, 0, 0, 1]] * 3, [0, 0, 1]))
-    assert (found.counts.tolist(), found.unclassified, found.unsettled) == ([], 2, 1)
-    assert found.intervals() == []
-
-
 def test_distributions_of_different_drops_can_be_added(aspects):
     generator = np.random.default_rng(4)
     drops = poses_with(random_orientations(generator, 500), generator.choice(5, 500))
@@ -117,15 +110,6 @@ def test_counts_are_those_of_the_first_drops(aspects, poses, cuts, end):
     assert (np.diff(drops) > 0).all()
     for n, row in zip(drops, counts, strict=True):
         np.testing.assert_array_equal(row, count_poses(aspects, poses.between(0, n)).counts)
-
-
-def test_ten_samples_for_each_factor_of_ten(aspects, poses):
-    history = History(aspects)
-    history.add(aspect_ids(aspects, poses))
-    drops, counts = history.points()
-    assert drops[:3].tolist() == [10, 13, 16]
-    assert set(drops.tolist()) >= {FIRST_SAMPLE, 100, 1000, 3000}
-    assert len(drops) == len(counts) == 26
 
 
 PLANES = [

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2, ncx2
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.statistics.comparison import UNIT, DropCounts, batch_scatter, compare
+from resting_aspects_ros.statistics.comparison import DropCounts, batch_scatter, compare
 from resting_aspects_ros.statistics.counted_parts import ObservedCounts
 from resting_aspects_ros.statistics.drift import (
     MAX_SHIFT,
@@ -45,25 +45,6 @@ def test_power_is_reached_with_the_stated_number_of_parts():
         alarms += bool(find_drift(observed([window]), simulated, parts, rng, level).drifted)
     # The second term is the error of the approximation.
     tolerance = 3 * np.sqrt(0.8 * 0.2 / repetitions) + 0.015
-    assert abs(alarms / repetitions - 0.8) <= tolerance
-
-
-@pytest.mark.slow
-def test_power_is_reached_if_batches_scatter():
-    # With a variance that is larger by a factor, that many times as many parts are needed.
-    rng, repetitions, level, deviation = np.random.default_rng(7), 100, 0.05, 0.08
-    factor = 1 + (UNIT - 1) * deviation**2 / np.mean(TWO * (1 - TWO))
-    parts = factor * parts_needed(np.array([7000, 3000]), 0.1, level)
-    last, alarms = round(parts / UNIT), 0
-    for _ in range(repetitions):
-        before = batches(rng, TWO, 200, deviation, UNIT)
-        after = batches(rng, np.array([0.6, 0.4]), last, deviation, UNIT)
-        rows = np.concatenate([before[: 200 // last * last], after])
-        simulated = rng.multinomial(10_000, TWO)
-        found = find_drift(observed(rows), simulated, last * UNIT, rng, level)
-        alarms += found.p_values[-1] <= level
-    # The second term is for the estimated scatter, and for whole batches.
-    tolerance = 3 * np.sqrt(0.8 * 0.2 / repetitions) + 0.03
     assert abs(alarms / repetitions - 0.8) <= tolerance
 
 

@@ -76,24 +76,6 @@ def test_long_run_is_the_mean_over_many_actions_after_a_drop(seed, loses):
     assert list(result.unreachable) == np.flatnonzero(parts == 0).tolist()
 
 
-@pytest.mark.parametrize(('n', 'up'), [(9, 0.5), (6, 0.3)])
-def test_random_walk_reaches_its_end_as_the_gamblers_ruin(n, up):
-    # Feller 1968, chapter XIV; the conditional duration of the symmetric walk is (n^2 - i^2) / 3.
-    rows = np.diag([up] * n, 1) + np.diag([1 - up] * n, -1)
-    rows[0], rows[n] = np.eye(n + 1)[[0, n]]
-    probability, actions = reach(rows, np.arange(n + 1) == n)
-    i = np.arange(1, n + 1)
-    if up == 0.5:
-        expected = i / n
-        assert actions[1:] == pytest.approx((n**2 - i**2) / 3, rel=1e-12)
-    else:
-        ratio = (1 - up) / up
-        expected = (1 - ratio**i) / (1 - ratio**n)
-    assert probability[1:] == pytest.approx(expected, rel=1e-12)
-    assert probability[0] == 0
-    assert math.isnan(actions[0])
-
-
 @given(seeds)
 def test_reach_is_the_series_over_the_number_of_actions(seed):
     rows, _, _ = chain(seed)
