@@ -35,7 +35,7 @@ def parse_factor(text):
 
 
 def test_factor_is_parsed():
-    height = Factor('height', 0.02, 0.2, 0, True, unit='m', label='height')
+    height = Factor('height', 0.02, 0.2, None, True, unit='m', label='height')
     assert parse_factor('height = 2cm : 0.2 : log') == height
     rolling = Factor('rolling_friction', 0.001, 0.1, 5, True, label='rolling friction')
     assert parse_factor('rolling-friction=1e-3:0.1:5:LOG') == rolling
@@ -86,9 +86,9 @@ def test_conditions_surroundings_and_actions_vary():
     assert changed.drop_conditions.surroundings.shape.angle == 0.25
     assert SLOPE.drop_conditions.surroundings is None  # angle 0 is the level plane
     chute = Setting(MAT, named_surroundings('l_chute'))
-    chute = chute.changed({'surroundings.belt.speed': 0.1, 'surroundings.release.x': 0.02})
+    chute = chute.changed({'surroundings.belt.speed': 0.1, 'surroundings.release.x_min': 0.02})
     assert chute.surroundings.bodies['belt']['speed'] == 0.1
-    assert chute.surroundings.release['x'] == 0.02
+    assert chute.surroundings.release['x_min'] == 0.02
     assert KICK.changed({'action.speed': 0.5}).action.action.speed == 0.5
     with pytest.raises(InvalidValueError, match='invalid factor'):
         PLAIN.changed({'surroundings.angle': 0.1})

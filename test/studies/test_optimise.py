@@ -126,7 +126,7 @@ def problem(share, seed=0, above=0.0):
     return drop
 
 
-def searched(drop, factors, total=200_000, seed=1, levels=0, **given):
+def searched(drop, factors, total=200_000, seed=1, levels=None, **given):
     """Return the points of a search and the best ones."""
     ranges = [Factor(f'f{k}', 0.0, 1.0, levels) for k in range(factors)]
     points = search(drop, ranges, SHARE, total, seed, **given)
