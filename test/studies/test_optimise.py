@@ -126,11 +126,11 @@ def problem(share, seed=0, above=0.0):
     return drop
 
 
-def searched(drop, factors, total=200_000, seed=1, levels=None, **given):
+def searched(drop, factors, seed=1, levels=None):
     """Return the points of a search and the best ones."""
     ranges = [Factor(f'f{k}', 0.0, 1.0, levels) for k in range(factors)]
-    points = search(drop, ranges, SHARE, total, seed, **given)
-    return points, best_points(points, SHARE, total, seed)
+    points = search(drop, ranges, SHARE, 200_000, seed)
+    return points, best_points(points, SHARE, 200_000, seed)
 
 
 @pytest.mark.parametrize('factors', [1, 4])
@@ -165,12 +165,6 @@ def test_levels_are_kept():
     # A bound without levels is a point as well.
     points, _ = searched(problem(slope), 1)
     assert points[1.0,].sum() >= final_drops(200_000)
-
-
-def test_given_point_takes_part():
-    given = np.array([[0.3, 0.123]])
-    points, _ = searched(problem(hill), 2, 4000, given=given, stopped=lambda: True)
-    assert points[0.3, 0.123].sum() > 0
 
 
 def test_equally_good_conditions_have_a_winner_as_rarely_as_stated():

@@ -419,14 +419,27 @@ def _share_table(result: CalibrationResult) -> Iterator[str]:
 
 def statements(result: CalibrationResult) -> list[str]:
     """Return what the counts say, and what they do not determine, one sentence each."""
-    return [
+    found = [
         *_on_agreement(result),
         *(_on_estimate(each) for each in result.estimates),
         *_on_ends(result.estimates),
         *_on_trade_offs(result),
-        *_on_left_out(result),
-        *_on_simulation(result),
     ]
+    if result.left_out:
+        inside = sum(each.inside for each in result.left_out)
+        found.append(
+            f'Parts that were left out are predicted with a mean absolute deviation of '
+            f'{100 * result.left_out_deviation:.1f} points; {inside} of {len(result.left_out)} '
+            'are within their 90 % intervals.'
+        )
+    if result.fit.checked is None:
+        found.append('The most probable conditions were not checked by drops.')
+    else:
+        found.append(
+            'Drops at the most probable conditions deviate from the interpolated shares by at '
+            f'most {100 * result.check_deviation:.1f} points.'
+        )
+    return found
 
 
 def _on_agreement(result: CalibrationResult) -> Iterator[str]:
@@ -485,27 +498,6 @@ def _on_trade_offs(result: CalibrationResult) -> Iterator[str]:
                 f'More {one} with {"more" if value > 0 else "less"} {other} fits as well '
                 f'(correlation {value:+.2f}): use the pairs of the picture, not the intervals.'
             )
-
-
-def _on_left_out(result: CalibrationResult) -> Iterator[str]:
-    if result.left_out:
-        inside = sum(each.inside for each in result.left_out)
-        yield (
-            f'Parts that were left out are predicted with a mean absolute deviation of '
-            f'{100 * result.left_out_deviation:.1f} points; {inside} of {len(result.left_out)} '
-            'are within their 90 % intervals.'
-        )
-
-
-def _on_simulation(result: CalibrationResult) -> Iterator[str]:
-    """Say how exact the simulated shares are."""
-    if result.fit.checked is None:
-        yield 'The most probable conditions were not checked by drops.'
-    else:
-        yield (
-            'Drops at the most probable conditions deviate from the interpolated shares by at '
-            f'most {100 * result.check_deviation:.1f} points.'
-        )
 
 
 def _source(result: CalibrationResult) -> str:
