@@ -380,8 +380,10 @@ class _Search:
 
 def _within(base: Setting, factors: Sequence[Factor]) -> Array | None:
     """Return the point (d,) of the user's conditions; None if they are outside the ranges."""
-    values = [base.value(factor.name) for factor in factors]
-    inside = [v is not None and f.low <= v <= f.high for f, v in zip(factors, values, strict=True)]
-    if not all(inside):
-        return None
-    return np.array([float(f.shares(np.array(v))) for f, v in zip(factors, values, strict=True)])
+    point = []
+    for factor in factors:
+        value = base.value(factor.name)
+        if value is None or not factor.low <= value <= factor.high:
+            return None
+        point.append(float(factor.shares(np.array(value))))
+    return np.array(point)
