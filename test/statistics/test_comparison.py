@@ -108,11 +108,10 @@ def test_published_intervals_of_differences(one, other, lower, upper):
 
 def test_bounds_of_all_deviations_hold_simultaneously():
     first, second = np.array([0.6, 0.3, 0.1]), np.array([0.5, 0.3, 0.2])
+    truth, held = first - second, 0
     runs, draw = 400, np.random.default_rng(6)
-    held = 0
     for _ in range(runs):
         found = compared(draw.multinomial(1000, first), draw.multinomial(1000, second))
-        truth = first - second
         held += bool(((found.lower <= truth) & (truth <= found.upper)).all())
     assert held / runs >= 0.95 - errors(4, runs)
 

@@ -95,8 +95,10 @@ def test_distributions_of_different_drops_can_be_added(aspects):
 @pytest.fixture(scope='module')
 def poses(aspects):
     rng = np.random.default_rng(5)
-    status = (rng.random(3000) < 0.03).astype(np.uint8)
-    return poses_with(drawn_orientations(aspects, rng, 3000), status)
+    orientation, status = drawn_orientations(aspects, rng, 3000), rng.random(3000) < 0.03
+    status, orientation[7] = status.astype(np.uint8), np.nan
+    status[7] = RestStatus.FAILED
+    return poses_with(orientation, status)
 
 
 @given(cuts=st.lists(st.integers(0, 3000), max_size=12), end=st.integers(1, 3000))

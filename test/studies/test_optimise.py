@@ -194,9 +194,6 @@ def test_certainty_of_the_best_is_that_of_their_posteriors():
     assert compared([draws(10), draws(50)], 0.95)[1] < 0.001
 
 
-# The public function: mechanics, reproducibility, and what the result says.
-
-
 RANGES = {'height': '10mm:30mm', 'friction': (0.1, 0.4)}
 FEW = {'budget': 3840}
 

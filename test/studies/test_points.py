@@ -63,6 +63,8 @@ def test_every_part_that_is_dropped_and_moved_is_counted_once(box):
     seen = []
     found = box.dropped_and_acted(TAP, 150, 1, Monitor(seen.append))
     assert found.sum() == seen[-1] == 150
+    assert (found >= 0).all()
+    assert seen == sorted(seen)
     # An action without effect leaves the distribution of the drops.
     before = box.dropped(STILL, 300, 2, Monitor())
     assert same_shares(before, box.dropped_and_acted(STILL, 300, 1, Monitor()))
