@@ -28,6 +28,7 @@ from resting_aspects_ros.simulation.conditions import (
     HeightOf,
     Quantity,
     Surfaces,
+    check_integer,
     check_name,
     described_kind,
     quantities_of,
@@ -42,10 +43,7 @@ from resting_aspects_ros.simulation.surroundings import (
     named_surroundings,
 )
 
-DESIGNS = {
-    'curves': 'from each base point of a scrambled Sobol sequence, one curve over each factor',
-    'factorial': 'all combinations of the levels of the factors',
-}
+DESIGNS = ('curves', 'factorial')
 DEFAULT_DESIGN = 'curves'
 # Base points; a power of two fills the space most evenly.
 DEFAULT_POINTS = 16
@@ -466,10 +464,7 @@ def make_design(name: str, factors: Sequence[Factor], base_points: int, seed: in
         )
     if name == 'factorial':
         return factorial(factors)
-    if type(base_points) is not int or not 1 <= base_points <= MAX_POINTS:
-        raise InvalidValueError(
-            f'invalid number of points {shown(base_points)}: expected 1 to {MAX_POINTS}'
-        )
+    check_integer('number of points', base_points, 1, MAX_POINTS)
     return curves(factors, base_points, seed)
 
 

@@ -157,16 +157,6 @@ def best_points(points: Points, objective: Objective, budget: int, seed: int) ->
     return [first, *list(others)[:1]]
 
 
-def check_budget(budget: int, factors: int) -> None:
-    """Raise InvalidValueError if there are too few drops for the points of the search."""
-    check_drops(budget)
-    needed = 12 * first_points(factors) * MIN_DROPS
-    if budget < needed:
-        raise InvalidValueError(
-            f'invalid budget {budget}: expected at least {needed} drops for {factors} factors'
-        )
-
-
 def optimise(
     part: Part | str | Path,
     vary: Mapping[str, Any],
@@ -241,7 +231,11 @@ def optimise(
     check_factors(factors, base, [loaded])
     check_seed(seed)
     check_confidence(confidence)
-    check_budget(budget, len(factors))
+    check_drops(budget)
+    if budget < (needed := 12 * first_points(len(factors)) * MIN_DROPS):
+        raise InvalidValueError(
+            f'invalid budget {budget}: expected at least {needed} drops for {len(factors)} factors'
+        )
     with given_workers(workers) as pool:
         simulation = Simulation.of(loaded, pool)
         objective = make_objective(

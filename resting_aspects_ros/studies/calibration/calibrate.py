@@ -17,12 +17,13 @@ from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.landscape import Landscape
-from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown
+from resting_aspects_ros.errors import InvalidValueError, StoppedError
 from resting_aspects_ros.report.figure import TEXT, new_figure, plain_axes
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     QUANTITIES,
     DropConditions,
+    check_integer,
     check_seed,
 )
 from resting_aspects_ros.simulation.workers import Workers
@@ -143,9 +144,9 @@ def calibrate(
     """
     check_seed(seed)
     if points is not None:
-        _check_number('points', points, MIN_POINTS, MAX_POINTS)
+        check_integer('points', points, MIN_POINTS, MAX_POINTS)
     if drops is not None:
-        _check_number('drops', drops, 1, 1_000_000)
+        check_integer('drops', drops, 1, 1_000_000)
     given = given_counts(counts)
     count = points or POINTS_PER_FACTOR * len(given.factors)
     per_point = [drops or min(max(each.drops, MIN_DROPS), MAX_DROPS) for each in given.parts]
@@ -180,13 +181,6 @@ def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:
     if isinstance(counts, Mapping):
         return make_surface_counts(counts, Path())
     return read_surface_counts(Path(counts))
-
-
-def _check_number(name: str, value: Any, low: int, high: int) -> None:
-    if type(value) is not int or not low <= value <= high:
-        raise InvalidValueError(
-            f'invalid {name} {shown(value)}: expected an integer from {low} to {high}'
-        )
 
 
 @dataclass(eq=False)
