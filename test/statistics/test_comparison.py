@@ -177,9 +177,9 @@ def test_p_value_of_a_window_is_that_of_chi_square_or_fisher():
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ('shares', 'deviation', 'number', 'size'),
-    [(FIVE, 0.08, 4, 30), (FIVE, 0.0, 60, 30), (TWO, 0.08, 60, 10)],
+    [(FIVE, 0.08, 4, 30), (FIVE, 0.0, 1, 600), (FIVE, 0.0, 60, 30), (TWO, 0.08, 60, 10)],
 )
-def test_alarm_rate_of_scattering_batches_stays_at_its_level(shares, deviation, number, size):
+def test_alarm_rate_stays_at_its_level(shares, deviation, number, size):
     rng, repetitions, alarms = np.random.default_rng(5), 400, 0
     for _ in range(repetitions):
         simulated = rng.multinomial(10_000, shares)
@@ -188,8 +188,9 @@ def test_alarm_rate_of_scattering_batches_stays_at_its_level(shares, deviation, 
         alarms += p_of_window(window, simulated, rng, LEVEL, scatter) <= LEVEL
     rate = alarms / repetitions
     assert rate <= LEVEL + errors(3, repetitions)
-    # With many batches the test is not needlessly cautious.
-    assert number < 60 or rate > LEVEL / 2 - errors(3, repetitions)
+    # With one batch the scatter is not known; with many the test is not needlessly cautious.
+    least = {1: LEVEL, 60: LEVEL / 2}.get(number, 0.0)
+    assert rate >= least - errors(3, repetitions)
 
 
 @pytest.mark.parametrize('deviation', [0.0, 0.08])
