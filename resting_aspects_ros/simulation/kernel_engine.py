@@ -29,10 +29,6 @@ from resting_aspects_ros.simulation.release import TIME_LIMIT, Ends, initial_sta
 from resting_aspects_ros.simulation.scene import HalfSpace
 from resting_aspects_ros.statistics.poses import RestingPoses
 
-# A part in surroundings that is faster than this, R / T, and than this multiple of the speed of
-# its first impact slides for ever: it has come down by at least 50 R.
-MAX_SPEED, MAX_SPEEDUP = 10.0, 3.0
-
 
 def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     """Simulate the drops ``first`` to ``end - 1`` until they end.
@@ -133,7 +129,7 @@ def ground_of(job: DropJob) -> Ground:
         level=scene.level,
         endless=scene.free,
         driven=scene.driven,
-        fastest=max(MAX_SPEED, MAX_SPEEDUP * job.impact_speed * scale),
+        fastest=job.max_speed,
     )
 
 
