@@ -73,7 +73,6 @@ REFUSED = [
     ({'spin': None}, ', rubber_mat: missing spin'),
     ({'uncertainty': {'spin': [1] * 7}}, ", rubber_mat: invalid uncertainty {'spin': [1, 1,"),
     ({'uncertainty': {'spin': [-1] * 8}}, ', rubber_mat: invalid spin -1'),
-    ('- a\n- b\n', ': expected a mapping of names to conditions'),
     ('my mat: {height: 1}', ": invalid name 'my mat' of a surface"),
 ]
 

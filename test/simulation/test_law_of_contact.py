@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.rotations import random_orientations
 from resting_aspects_ros.simulation import kernel, kernel_data
-from resting_aspects_ros.simulation.job import make_job
+from resting_aspects_ros.simulation.job import CONTACT_STEPS, make_job
 from resting_aspects_ros.simulation.kernel_engine import body_of, ground_of, simulate
 from resting_aspects_ros.simulation.scene import depth_of
 
@@ -132,6 +132,17 @@ def test_impact_of_a_rod_without_friction(lab, angle):
     # Two corners of the tip touch.
     assert v[0] == pytest.approx([0.3, 0.0, impulse - 1], abs=kernel.RESIDUAL)
     assert abs(w[0, 1]) == pytest.approx(impulse * arm / inertia, abs=2 * kernel.RESIDUAL)
+
+
+@pytest.mark.parametrize(('friction', 'speed'), [(0.1, 1.0), (0.3, 2.0), (0.8, 0.5)])
+def test_sliding_distance(lab, friction, speed):
+    part = lab(box(30, 30, 6), friction=friction)
+    q = upright(part)
+    ends, codes = part.run(part.put(q), np.array([[speed, 0.0, 0.0]]), NONE, q, 500.0)
+    assert codes[0, 0] == kernel.SETTLED
+    # A time step of friction at the end, at most.
+    step = friction / CONTACT_STEPS
+    assert ends[0, 0] == pytest.approx(speed**2 / (2 * friction), abs=speed * step / friction)
 
 
 @pytest.mark.parametrize('sides', [60, 200])
