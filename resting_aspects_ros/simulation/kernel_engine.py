@@ -43,7 +43,12 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     if motion is not None:
         limit += motion.duration / job.time_unit
     numerics = Numerics().refined(job.refinement, not job.until_still)
-    (_on_gpu() if job.engine == CUDA else simulate)(
+    run: Callable[..., None] = simulate
+    if job.engine == CUDA:  # which needs numba-cuda and a driver
+        from resting_aspects_ros.simulation import kernel_cuda
+
+        run = kernel_cuda.simulate
+    run(
         body_of(job),
         ground_of(job),
         numerics,
@@ -61,16 +66,6 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
         growth=ends[:, 8],
     )
     return resting_poses(job, first, found)
-
-
-@cache
-def _on_gpu() -> Callable[..., None]:
-    """Return the simulation on a GPU; raises EngineError if there is none."""
-    # This needs numba-cuda and a driver.
-    from resting_aspects_ros.simulation import kernel_cuda
-
-    kernel_cuda.check_device()
-    return kernel_cuda.simulate
 
 
 @lru_cache(maxsize=16)
