@@ -250,6 +250,7 @@ class SceneSettling(Settling):
         # The states are relative to a frame that moves; the positions at the end are not.
         self._frame = job.frame_velocity
         self._surface_velocities = self._scene.velocities() * scale - self._frame
+        self._max_speed = job.max_speed
         super().__init__(job, states)
         self._window = WINDOW
         n = len(states.elapsed)
@@ -327,7 +328,7 @@ class SceneSettling(Settling):
         self._anchor_speed[which[new]] = speed[new]
         self._anchor_time[which[new]] = self._now
         fallen = states.position @ self._scene.down - self._start[which]
-        away = (speed > self._job.max_speed) | (fallen > MAX_FALL)
+        away = (speed > self._max_speed) | (fallen > MAX_FALL)
         return np.asarray(steady | away & (self._scene.free > 0))
 
     def _turned(self, pointing: Array, anchor: Array) -> Array:

@@ -115,6 +115,12 @@ def test_omitted_fall_is_a_free_fall(part, mat, height_of, speed, angle):
     )
 
 
+def test_height_below_hull_radius_is_rejected(part, mat):
+    low = mat.changed(height=0.01, height_of=HeightOf.CENTRE_OF_MASS)
+    with pytest.raises(InvalidValueError, match=r'invalid height of the centre of mass 0\.01 m'):
+        make_job(part('l_bracket'), low, 1)
+
+
 # -- Time -----------------------------------------------------------------------------------------
 
 
