@@ -127,6 +127,9 @@ EDGE_CHECKS_PER_T = 8
 # Maximum distance, R, that a point of the part moves in one step at impact speed, for any height
 # and for up to 3 standard deviations of speed and spin at release.
 TRAVEL_PER_STEP = 0.05
+# A part in surroundings that is faster than this, R / T, and than this multiple of the speed of
+# its first impact slides for ever: it has come down by at least 50 R.
+MAX_SPEED, MAX_SPEEDUP = 10.0, 3.0
 # Maximum number of time steps while the surface moves.
 MAX_MOTION_STEPS = 500_000
 # Maximum time, T, in which an upper belt carries a part over its edge by the length R.
@@ -255,6 +258,11 @@ class DropJob:
         thrown = math.hypot(3 * c.speed_horizontal, 3 * c.speed_vertical)
         belt = max(abs(body.contact.speed) for body in self.scene.bodies)
         return math.sqrt(fall + thrown**2) + 3 * c.spin * self.radius + belt
+
+    @property
+    def max_speed(self) -> float:
+        """Speed above which a part in surroundings slides or rolls for ever, R / T."""
+        return max(MAX_SPEED, MAX_SPEEDUP * self.impact_speed * (self.time_unit / self.radius))
 
     @property
     def steps_per_t(self) -> int:

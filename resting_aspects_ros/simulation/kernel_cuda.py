@@ -26,12 +26,6 @@ _lock = threading.Lock()
 warnings.filterwarnings('ignore', '.*Grid size .* low occupancy')
 
 
-def check_device() -> None:
-    """Raise EngineError if there is no GPU that can be used."""
-    if not cuda.is_available():
-        raise EngineError('device cuda was not found: expected an NVIDIA GPU and its driver')
-
-
 def simulate(
     body: kernel_data.Body,
     ground: kernel_data.Ground,
@@ -41,7 +35,7 @@ def simulate(
     ends: Array,
     codes: Indices,
 ) -> None:
-    """Simulate drops on the GPU; see kernel.simulate."""
+    """Simulate drops on the GPU; see kernel.simulate. Raises EngineError if there is none."""
     corners, planes = body.points.shape[1], len(ground.planes)
     if planes > PLANES:
         raise EngineError(f'invalid surroundings: {planes} planes; expected at most {PLANES}')
@@ -53,7 +47,7 @@ def simulate(
         return cuda.device_array((*shape, blocks * BLOCK), dtype)
 
     with _lock:
-        _announce()
+        _check_device()
         found = cuda.device_array(ends.shape), cuda.device_array(codes.shape, codes.dtype)
         _drops[blocks, BLOCK](
             kernel_data.Body(*map(_there, body)),
@@ -71,7 +65,10 @@ def simulate(
 
 
 @cache
-def _announce() -> None:
+def _check_device() -> None:
+    """Announce the compilation; raises EngineError if there is no GPU that can be used."""
+    if not cuda.is_available():
+        raise EngineError('device cuda was not found: expected an NVIDIA GPU and its driver')
     print('compiling the simulation for the GPU: about 40 s ...', file=sys.stderr, flush=True)
 
 

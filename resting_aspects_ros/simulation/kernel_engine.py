@@ -29,10 +29,6 @@ from resting_aspects_ros.simulation.release import TIME_LIMIT, Ends, initial_sta
 from resting_aspects_ros.simulation.scene import HalfSpace
 from resting_aspects_ros.statistics.poses import RestingPoses
 
-# A part in surroundings that is faster than this, R / T, and than this multiple of the speed of
-# its first impact slides for ever: it has come down by at least 50 R.
-MAX_SPEED, MAX_SPEEDUP = 10.0, 3.0
-
 
 def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     """Simulate the drops ``first`` to ``end - 1`` until they end.
@@ -47,7 +43,12 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
     if motion is not None:
         limit += motion.duration / job.time_unit
     numerics = Numerics().refined(job.refinement, not job.until_still)
-    (_on_gpu() if job.engine == CUDA else simulate)(
+    run: Callable[..., None] = simulate
+    if job.engine == CUDA:  # which needs numba-cuda and a driver
+        from resting_aspects_ros.simulation import kernel_cuda
+
+        run = kernel_cuda.simulate
+    run(
         body_of(job),
         ground_of(job),
         numerics,
@@ -65,16 +66,6 @@ def drop_range(job: DropJob, first: int, end: int) -> RestingPoses:
         growth=ends[:, 8],
     )
     return resting_poses(job, first, found)
-
-
-@cache
-def _on_gpu() -> Callable[..., None]:
-    """Return the simulation on a GPU; raises EngineError if there is none."""
-    # This needs numba-cuda and a driver.
-    from resting_aspects_ros.simulation import kernel_cuda
-
-    kernel_cuda.check_device()
-    return kernel_cuda.simulate
 
 
 @lru_cache(maxsize=16)
@@ -133,7 +124,7 @@ def ground_of(job: DropJob) -> Ground:
         level=scene.level,
         endless=scene.free,
         driven=scene.driven,
-        fastest=max(MAX_SPEED, MAX_SPEEDUP * job.impact_speed * scale),
+        fastest=job.max_speed,
     )
 
 

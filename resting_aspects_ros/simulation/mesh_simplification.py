@@ -32,7 +32,8 @@ def convex_polygons(polygon: shapely.Polygon, most: int) -> list[Array]:
         piece = left.pop()
         corner = _deepest(piece)
         if corner is None:
-            found.append(_counterclockwise(np.array(piece.convex_hull.exterior.coords)[:-1]))
+            outline = shapely.geometry.polygon.orient(piece.convex_hull).exterior
+            found.append(np.array(outline.coords)[1:])
         else:
             left += _halves(piece, *corner)
         if len(found) + len(left) > most:
@@ -69,12 +70,6 @@ def _halves(piece: shapely.Polygon, point: Array, along: Array) -> list[shapely.
             if part.geom_type == 'Polygon' and not part.buffer(-SLIVER / 2).is_empty
         ]
     return found
-
-
-def _counterclockwise(points: Array) -> Array:
-    following = np.roll(points, -1, axis=0)
-    area = (points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0]).sum()
-    return points if area > 0 else points[::-1]
 
 
 def edge_planes(polygon: Array) -> tuple[Array, Array]:

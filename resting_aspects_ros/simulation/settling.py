@@ -233,9 +233,9 @@ SLIDE_WINDOW = 10.0
 SLIDE_TURN = 1e-3
 # Minimum speed of a sliding part, R / T; a slower part creeps or trembles.
 MIN_SLIDE_SPEED = 1e-3
-# A part that moves faster than this, R / T, and three times as fast as it can hit a surface first,
-# slides or rolls away, and so does one that has come down by MAX_FALL, R.
-MAX_SLIDE_SPEED, MAX_FALL = 10.0, 50.0
+# A part that has come down by this, R, slides or rolls away, as one that is faster than
+# ``DropJob.max_speed``.
+MAX_FALL = 50.0
 # A part that a belt carries along a wall creeps on the belt by up to this, R, between checks: the
 # wall pulls on it, and the solver finds its friction within a tolerance.
 MAX_CREEP = 1e-3
@@ -250,7 +250,7 @@ class SceneSettling(Settling):
         # The states are relative to a frame that moves; the positions at the end are not.
         self._frame = job.frame_velocity
         self._surface_velocities = self._scene.velocities() * scale - self._frame
-        self._max_speed = max(MAX_SLIDE_SPEED, 3 * job.impact_speed * scale)
+        self._max_speed = job.max_speed
         super().__init__(job, states)
         self._window = WINDOW
         n = len(states.elapsed)

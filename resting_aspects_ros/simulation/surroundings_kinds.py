@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.errors import InvalidValueError, shown
@@ -474,7 +475,9 @@ class MeshSurface(Kind):
     @cached_property
     def vertices(self) -> Array:
         """(n, 3) corners in the tray frame, m; raises InvalidValueError without the mesh."""
-        return self._placed(self._known.vertices * UNITS[self.unit])
+        turned = Rotation.from_euler('xyz', [self.rx, self.ry, self.rz])
+        placed = turned.apply(self._known.vertices * UNITS[self.unit])
+        return np.asarray(placed + np.array([self.x, self.y, self.z]))
 
     @property
     def triangles(self) -> Indices:
@@ -489,16 +492,6 @@ class MeshSurface(Kind):
                 'only its name and hash are known'
             )
         return self.file
-
-    def _placed(self, points: Array) -> Array:
-        """Return points (n, 3) of the file in the tray frame, m."""
-        for axis, angle in enumerate((self.rx, self.ry, self.rz)):
-            a, b = (axis + 1) % 3, (axis + 2) % 3
-            turned = points.copy()
-            turned[:, a] = math.cos(angle) * points[:, a] - math.sin(angle) * points[:, b]
-            turned[:, b] = math.sin(angle) * points[:, a] + math.cos(angle) * points[:, b]
-            points = turned
-        return np.asarray(points + np.array([self.x, self.y, self.z]))
 
     @property
     def texts(self) -> dict[str, str]:

@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.simulation.job import make_job
-from resting_aspects_ros.simulation.workers import drop_range
-
 
 @pytest.fixture(scope='module')
 def mat(surfaces):
@@ -38,18 +35,3 @@ def assert_deviations():
         assert (off < 4 * deviations / math.sqrt(2 * n)).all()
 
     return check
-
-
-@pytest.fixture(scope='module')
-def drop(mat):
-    """Drop a part, the first n times on the rubber mat with changes; equal drops once."""
-    known = {}
-
-    def make(part, n, seed=1, engine='', **changes):
-        key = (part.part_sha256, n, seed, engine, *sorted(changes.items()))
-        if key not in known:
-            job = make_job(part, mat.changed(**changes), seed, engine=engine)
-            known[key] = drop_range(job, 0, n)
-        return known[key]
-
-    return make

@@ -6,20 +6,17 @@ from their number.
 
 import dataclasses
 import gc
-import math
 import pickle
 import tracemalloc
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import trimesh
-from scipy.stats import chi2, chi2_contingency, chisquare, kstest
+from scipy.stats import chi2, chi2_contingency
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.rotations import down_in_part, rotate
-from resting_aspects_ros.simulation import kernel, kernel_data, settling
-from resting_aspects_ros.simulation.bullet_engine import GROUP
+from resting_aspects_ros.simulation import kernel_data
 from resting_aspects_ros.simulation.conditions import BULLET, KERNEL
 from resting_aspects_ros.simulation.job import make_job
 from resting_aspects_ros.simulation.workers import drop_range
@@ -28,8 +25,6 @@ from resting_aspects_ros.statistics.poses import DecidedBy, RestStatus
 
 # A test of chance fails a right engine for one seed in a thousand; the seeds are fixed.
 LEVEL = 1e-3
-# Share of drops in which rolling friction may hold a part that balances on an edge.
-BALANCED = 1e-3
 EXAMPLES = (
     *('angle_45x30x8', 'box_10x20x30', 'cylinder_d20_h20', 'hex_nut', 'l_bracket', 't_prism'),
     *('tetrahedron', 'u_bracket', 'washer'),
@@ -44,21 +39,11 @@ def scaled(shape, solid, factor):
 # -- Where parts come to rest ---------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 5000), (BULLET, 250)])
-def test_faces_of_a_tetrahedron_are_equally_probable(drop, part, engine, n):
-    shape = part('tetrahedron')
-    found = count_poses(find_aspects(shape), drop(shape, n, engine=engine))
-    # Rolling friction can hold a part that balances on an edge.
-    assert found.counts.sum() >= (1 - BALANCED) * n
-    assert chisquare(found.counts).pvalue > LEVEL
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 2000), (BULLET, 50)])
-def test_resting_parts_have_the_height_of_their_aspect(drop, part, hull_in_tray, engine, n):
+def test_resting_parts_have_the_height_of_their_aspect(part, mat, hull_in_tray, engine, n):
     shape = part('l_bracket')
-    poses = drop(shape, n, engine=engine)
+    poses = drop_range(make_job(shape, mat, 1, engine=engine), 0, n)
     assert (poses.status == RestStatus.SETTLED).all()
     np.testing.assert_allclose(hull_in_tray(shape, poses)[..., 2].min(axis=1), 0, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(poses.orientation, axis=1), 1, atol=1e-12)
@@ -71,15 +56,6 @@ def test_resting_parts_have_the_height_of_their_aspect(drop, part, hull_in_tray,
         heights[aspects.classify(poses.orientation) - 1],
         atol=1e-6 * shape.hull_radius,
     )
-
-
-@pytest.mark.slow
-def test_yaw_at_rest_is_uniform(drop, part):
-    poses = drop(part('l_bracket'), 5000)
-    # The horizontal direction of an axis of the part that is not vertical, in any aspect.
-    axis = rotate(poses.orientation, np.array([1.0, 1.0, 1.0]))
-    heading = np.arctan2(axis[:, 1], axis[:, 0])
-    assert kstest(heading, 'uniform', args=(-np.pi, 2 * np.pi)).pvalue > LEVEL
 
 
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
@@ -113,12 +89,13 @@ def test_scaled_part_height_and_gravity_give_scaled_poses(part, solid, mat, engi
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['l_bracket', 'cylinder_d20_h20'])
-def test_finer_steps_change_few_drops(drop, part, mat, name):
+def test_finer_steps_change_few_drops(part, mat, name):
     shape, n = part(name), 2000
-    fine = make_job(shape, mat, 1, refinement=4)
-    assert fine.time_step == make_job(shape, mat, 1).time_step / 4
     aspects = find_aspects(shape)
-    ids, others = (aspect_ids(aspects, p) for p in (drop(shape, n), drop_range(fine, 0, n)))
+    ids, others = (
+        aspect_ids(aspects, drop_range(make_job(shape, mat, 1, refinement=k), 0, n))
+        for k in (1, 4)
+    )
     assert (ids != others).mean() < 0.02
 
 
@@ -137,26 +114,6 @@ def test_both_engines_have_the_same_distribution(part, surfaces, name, surface):
 
 
 # -- Truth from symmetry --------------------------------------------------------------------------
-
-SIGNS = np.array(np.meshgrid(*[(1, -1)] * 3)).reshape(3, -1).T
-
-
-def image_groups(shape, aspects):
-    """Groups of indices of aspects that rotations and reflections of the part map to each other.
-
-    Of rotations, the classes of aspects; of reflections, those along principal axes that map the
-    corners of the hull onto themselves.
-    """
-    axes = shape.principal_axes
-    corners = (shape.hull_vertices - shape.centre_of_mass) @ axes
-    down = np.array([a.down_in_part for a in aspects]) @ axes
-    group = np.array([a.symmetry_class for a in aspects])
-    for signs in SIGNS:
-        gaps = np.linalg.norm(corners[:, None] * signs - corners, axis=2).min(axis=1)
-        if gaps.max() < 1e-6 * shape.hull_radius:
-            for one, image in enumerate(aspects.locate(down * signs @ axes.T)[0] - 1):
-                group[group == group[image]] = group[one]
-    return [np.flatnonzero(group == g) for g in np.unique(group)]
 
 
 def nearest_counts(aspects, poses):
@@ -186,7 +143,7 @@ def random_solid(seed):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('which', ['l_bracket', 1, 2])
+@pytest.mark.parametrize('which', ['tetrahedron', 'u_bracket', 'hex_nut', 1])
 def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     part, solid, mat, which
 ):
@@ -194,9 +151,9 @@ def test_images_are_equally_frequent_and_a_rotated_mesh_has_the_same_shares(
     shape = part(which) if which in EXAMPLES else solid(random_solid(which))
     aspects = find_aspects(shape)
     counts = nearest_counts(aspects, drop_range(make_job(shape, mat, 1), 0, n))
-    groups = image_groups(shape, aspects)
-    if which != 1:
-        assert len(groups) < len(aspects)
+    classes = np.array([a.symmetry_class for a in aspects])
+    groups = [np.flatnonzero(classes == each) for each in np.unique(classes)]
+    assert len(groups) < len(aspects)
     assert equal_within(counts, groups) > LEVEL
     turned = trimesh.Trimesh(shape.vertices * 1e3, shape.faces, process=False)
     turned.apply_transform(trimesh.transformations.random_rotation_matrix(np.full(3, 0.3)))
@@ -257,17 +214,9 @@ def test_aspect_decided_early_is_the_resting_aspect(part, surfaces, name, surfac
         # No impact adds energy. Heights are as accurate as the distance at which corners touch.
         assert decided.energy_growth.min() >= 0
         assert decided.energy_growth.max() < kernel_data.GAP
-    unit = math.sqrt(shape.hull_radius / conditions.gravity)
-    later = still.time_to_rest - decided.time_to_rest
-    delay = settling.CHECK_INTERVAL if engine == BULLET else kernel.QUIET
-    assert (later >= -delay * unit).all()
     aspects = find_aspects(shape)
     ids, expected = (aspects.classify(poses.orientation) for poses in (decided, still))
     np.testing.assert_array_equal(ids, expected)
-    # It turns towards its side and no further than it has to.
-    assert len(np.unique(decided.orientation, axis=0)) == n
-    if surface == 'thrown':  # where parts slide far
-        assert decided.time_to_rest.mean() < still.time_to_rest.mean() / 1.5
 
 
 # -- Rule 1: the same drops, bit for bit ----------------------------------------------------------
@@ -278,34 +227,11 @@ RANGES = [(0, 1), (3, 6), (20, 36), (124, 145)]
 
 @pytest.mark.slow
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
-def test_drops_do_not_depend_on_other_drops(drop, part, mat, assert_same_poses, engine):
-    shape = part('l_bracket')
-    whole = drop(shape, 150, engine=engine)
-    job = make_job(shape, mat, 1, engine=engine)
+def test_drops_do_not_depend_on_other_drops(part, mat, assert_same_poses, engine):
+    job = make_job(part('l_bracket'), mat, 1, engine=engine)
+    whole = drop_range(job, 0, 150)
     for first, end in reversed(RANGES):
         assert_same_poses(drop_range(job, first, end), whole.between(first, end))
-
-
-def test_threads_make_the_same_drops_at_the_same_time(part, surfaces, assert_same_poses):
-    """Also of different parts and conditions, each with its own arrays."""
-    jobs = [
-        make_job(part(each), surfaces.get(surface), 3)
-        for each in ('l_bracket', 'box_10x20x30')
-        for surface in ('rubber_mat', 'steel')
-    ]
-    whole = [drop_range(job, 0, 600) for job in jobs]
-    asked = [(k, first, first + 50) for k in range(4) for first in range(0, 600, 50)]
-    np.random.default_rng(1).shuffle(asked)
-    with ThreadPoolExecutor(7) as threads:
-        found = threads.map(lambda each: drop_range(jobs[each[0]], *each[1:]), asked)
-        for (k, first, end), poses in zip(asked, found, strict=True):
-            assert_same_poses(poses, whole[k].between(first, end))
-
-
-def test_drops_differ_by_seed_and_index(part, mat):
-    runs = [drop_range(make_job(part('l_bracket'), mat, seed), 0, 1000) for seed in (1, 2)]
-    orientations = np.concatenate([poses.orientation for poses in runs])
-    assert len(np.unique(orientations, axis=0)) == 2000
 
 
 @pytest.mark.parametrize('engine', [KERNEL, BULLET])
@@ -318,21 +244,6 @@ def test_maximum_seed_and_index_are_supported(part, mat, engine):
 
 
 # -- Parts of every kind --------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_roller_in_bullet_needs_rolling_friction_to_come_to_rest(mat, part):
-    shape = part('cylinder_d20_h20')
-    rough, smooth = (
-        drop_range(
-            make_job(shape, mat.changed(rolling_friction=f), 1, until_still=True, engine=BULLET),
-            0,
-            2,
-        )
-        for f in (0.05, 0.005)
-    )
-    assert (rough.status == RestStatus.SETTLED).all()
-    assert np.median(rough.time_to_rest) < np.median(smooth.time_to_rest)
 
 
 # Bars and sheets as slender and as thin as parts are.
@@ -359,21 +270,16 @@ def test_memory_of_bullet_does_not_grow_with_the_number_of_chunks(solid, mat):
     ball = solid(trimesh.creation.icosphere(3, 10.0))
     job = make_job(ball, mat.changed(rolling_friction=0.05), 1, engine=BULLET)
 
-    def drop(chunks):
-        for chunk in chunks:
-            # A worker reads the job of each run anew; Bullet must not read its corners again.
-            drop_range(pickle.loads(pickle.dumps(job)), chunk * GROUP, chunk * GROUP + 1)
-        gc.collect()
-        return tracemalloc.get_traced_memory()[0]
-
+    used = []
     tracemalloc.start()
-    try:
-        before = drop(range(2))
-        after = drop(range(2, 6))
-    finally:
-        tracemalloc.stop()
+    for _ in range(6):
+        # A worker reads the job of each run anew; Bullet must not read its corners again.
+        drop_range(pickle.loads(pickle.dumps(job)), 0, 1)
+        gc.collect()
+        used.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
     # PyBullet's binding keeps what it reads corners from: 4 x 642 x 3 numbers, 0.2 MB.
-    assert after - before < 50_000
+    assert used[5] - used[1] < 50_000
 
 
 @pytest.mark.parametrize(('engine', 'n'), [(KERNEL, 500), (BULLET, 25)])

@@ -3,7 +3,6 @@
 import itertools
 import math
 
-import numpy as np
 import pybullet
 import pytest
 
@@ -22,45 +21,26 @@ def test_parts_that_lose_no_energy_are_unsettled(part, mat, hull_in_tray):
     assert (poses.status == RestStatus.UNSETTLED).all()
     # The time they were given, which goes on from the end of the first fall.
     given = release.TIME_LIMIT * job.time_unit
-    assert (poses.time_to_rest >= given).all()
-    assert (poses.time_to_rest < 1.05 * given).all()
+    assert poses.time_to_rest == pytest.approx(1.02 * given, rel=0.03)
     # Still bouncing, above the surface but for what an impact overlaps.
     lowest = hull_in_tray(part('l_bracket'), poses)[..., 2].min(axis=1)
     assert (lowest > -drop_job.TRAVEL_PER_STEP * job.radius).all()
 
 
-def test_failed_drop_does_not_affect_other_drops(part, mat, monkeypatch, assert_same_poses):
-    # No input is known that makes Bullet lose a part; here it loses the second of three.
-    job = make_job(part('l_bracket'), mat, 1, engine=BULLET)
-    sound = drop_range(job, 0, 3)
-    seen = []
-
-    def look(body, **where):
-        seen.append(body)
-        position, orientation = whole(body, **where)
-        lost = len(seen) > 12 and body == seen[1]
-        return ((math.nan,) * 3 if lost else position), orientation
-
-    whole = pybullet.getBasePositionAndOrientation
-    monkeypatch.setattr(pybullet, 'getBasePositionAndOrientation', look)
-    poses = drop_range(job, 0, 3)
-    assert poses.status.tolist() == [RestStatus.SETTLED, RestStatus.FAILED, RestStatus.SETTLED]
-    assert math.isnan(poses.time_to_rest[1])
-    assert poses.position[1].tolist() == [0, 0, 0]
-    assert np.linalg.norm(poses.orientation[1]) == pytest.approx(1)
-    for k in (0, 2):
-        assert_same_poses(poses.between(k, k + 1), sound.between(k, k + 1))
-
-
 # Newton's law adds up to a half. So much faster, what falls from 1 m, 44 R, has more of all its
 # energy, which is 45 m g R with the height of the part itself.
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('growth', 'status'), [(0.56, 'FAILED'), (0.45, 'SETTLED')])
-def test_excessive_energy_growth_fails_a_drop(part, mat, monkeypatch, growth, status):
+@pytest.mark.parametrize(
+    ('growth', 'status'), [(math.inf, 'FAILED'), (0.56, 'FAILED'), (0.45, 'SETTLED')]
+)
+def test_excessive_energy_growth_fails_a_drop_only(
+    part, mat, monkeypatch, assert_same_poses, growth, status
+):
     # No input is known that does; here Bullet shows the first part faster at its first look, while
     # it still falls.
     job = make_job(part('l_bracket'), mat.changed(height=1.0), 1, engine=BULLET)
     monkeypatch.setattr(release, 'START_CLEARANCE', 20.0)
+    sound = drop_range(job, 1, 3)
     fall = 1.0 / job.radius
     speed = math.sqrt(2 * (fall - 20)) + settling.CHECK_INTERVAL
     faster = math.sqrt(1 + growth * (fall + 1) / (speed**2 / 2))
@@ -75,17 +55,9 @@ def test_excessive_energy_growth_fails_a_drop(part, mat, monkeypatch, growth, st
     monkeypatch.setattr(pybullet, 'getBaseVelocity', look)
     poses = drop_range(job, 0, 3)
     assert RestStatus(poses.status[0]).name == status
-    assert poses.energy_growth[0] == pytest.approx(growth * (fall + 1), rel=0.02)
-    assert (poses.status[1:] == RestStatus.SETTLED).all()
-    assert (poses.energy_growth[1:] < 0.05).all()
-
-
-@pytest.mark.slow
-def test_energy_growth_of_falls_and_impacts_in_bullet_is_small(drop, part):
-    # Bodies that fall for 3 T and more; a coarse step would show as growth.
-    fall = drop(part('hex_nut'), 50, engine=BULLET, spin=20.0)
-    assert fall.energy_growth.max() < 0.03
-    # Restitution and friction together add some.
-    bouncy = drop(part('l_bracket'), 50, engine=BULLET, restitution=0.9, friction=1.0)
-    assert bouncy.energy_growth.max() > 0.05
-    assert (bouncy.status == RestStatus.SETTLED).all()
+    if growth < math.inf:
+        assert poses.energy_growth[0] == pytest.approx(growth * (fall + 1), rel=0.02)
+    if status == 'FAILED':
+        assert math.isnan(poses.time_to_rest[0])
+        assert poses.position[0].tolist() == [0, 0, 0]
+    assert_same_poses(poses.between(1, 3), sound)

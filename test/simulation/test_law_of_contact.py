@@ -291,14 +291,3 @@ def test_without_friction_momentum_is_kept(lab, name):
 
     after = about_the_vertical(ends[:, 3:7], ends[:, 12:])
     assert after == pytest.approx(about_the_vertical(q, spin), abs=1e-3)
-
-
-@pytest.mark.parametrize('name', SHAPES)
-def test_energy_never_grows_on_the_way(lab, name):
-    part = lab(SHAPES[name], restitution=0.8, friction=0.6, rolling_friction=0.01)
-    position, velocity, spin, q = thrown(part, 200, 4)
-    position[:, 2] += 1.0
-    ends, codes = part.run(position, velocity, spin, q, 500.0)
-    assert (codes[:, 0] == kernel.SETTLED).all()
-    # Between impacts, the error of steps of lasting contact is of second order.
-    assert ends[:, 8].max() < 1e-4

@@ -9,15 +9,13 @@ import trimesh
 from placed_bodies import flat_on, groove_height, in_groove, point_path
 from scipy.spatial.transform import Rotation
 
-from resting_aspects_ros.rotations import rotate
 from resting_aspects_ros.simulation.conditions import BULLET
 from resting_aspects_ros.simulation.job import CONTACT_STEPS
 from resting_aspects_ros.simulation.kernel import RESIDUAL
 from resting_aspects_ros.simulation.release import InitialState
-from resting_aspects_ros.simulation.scene import X
 from resting_aspects_ros.simulation.settling import CHECK_INTERVAL, WINDOW, SceneSettling
 from resting_aspects_ros.simulation.starts import States
-from resting_aspects_ros.simulation.surroundings_kinds import Chute, Corner, Slope, VGroove, Wall
+from resting_aspects_ros.simulation.surroundings_kinds import Chute, Corner, Slope, VGroove
 from resting_aspects_ros.statistics.poses import RestStatus
 
 YAWS = np.radians([0, 20, 45, 70, 90])
@@ -122,42 +120,17 @@ def test_a_box_in_a_groove_rests_at_minima_of_its_potential_energy(solid, job_in
     assert (placed.settle() == RestStatus.SETTLED).all()
     matrices = Rotation.from_quat(placed.states.orientation) * Rotation.from_quat(job.axes).inv()
     found = matrices.as_euler('xyz')[:, 0]
-    # The height of the centre of mass where a box that is turned by a roll touches both planes.
+    # The height of the centre of mass where a box that is turned by a roll touches both planes. A
+    # side lies on one of the planes, which are inclined by 30 degrees.
     grid = np.radians(np.arange(0, 360, 0.05))
     height = groove_height(job, grid, corners)
     least = grid[(height < np.roll(height, 1)) & (height < np.roll(height, -1))]
-    # A side lies on one of the planes: 4 sides and 2 planes, of which some are no minima.
-    # Closed form: with a side on one of the planes, which are inclined by 30 degrees.
     assert np.abs((np.degrees(least) - 30 + 15) % 30 - 15).max() < 0.06
-    assert np.abs(np.degrees(least) % 90 - 60).min() < 0.06
     apart = np.abs((found[:, None] - least + math.pi) % (2 * math.pi) - math.pi).min(axis=1)
     assert apart.max() < 2e-3
     assert placed.states.position[:, 2] == pytest.approx(
         groove_height(job, found, corners), abs=1e-4
     )
-
-
-def test_a_cylinder_lies_along_a_groove(roller, job_in):
-    opening = math.radians(100)
-    job = job_in(roller(128), VGroove(opening), friction=0.2)
-    placed = flat_on(job, np.linspace(0.05, 0.5, 7), lift=1.0)
-    assert (placed.settle() == RestStatus.SETTLED).all()
-    body = np.tile(rotate(job.axes * [-1, -1, -1, 1], X[None]), (7, 1))
-    axis = rotate(placed.states.orientation, body)
-    assert np.abs(axis[:, 0]) == pytest.approx(1, abs=1e-4)
-    radius = 0.005 / job.radius
-    depth = radius * (1 - math.cos(math.pi / 128))  # of the flats
-    assert placed.states.position[:, 2] == pytest.approx(
-        radius / math.sin(opening / 2), abs=2 * depth
-    )
-
-
-def test_a_block_in_a_chute_leans_at_the_wall(block, job_in):
-    job = job_in(block, Chute(roll=math.radians(45)), friction=0.1)
-    width = 10 / 1000 / job.radius
-    placed = flat_on(job, [0.0], y=width + 0.5)
-    assert (placed.settle() == RestStatus.SETTLED).all()
-    assert placed.states.position[0, 1] == pytest.approx(width, abs=1e-4)
 
 
 # -- Belts ----------------------------------------------------------------------------------------
@@ -173,16 +146,6 @@ def test_a_block_on_a_belt_slips_until_it_has_the_speed_of_the_belt(block, job_i
     end = placed.run(speed / friction)
     assert end.velocity[:, 0] == pytest.approx(speed, abs=10 * RESIDUAL)
     assert (placed.settle() == RestStatus.SETTLED).all()
-
-
-def test_a_block_on_a_belt_that_runs_along_a_wall_rests_relative_to_the_belt(block, job_in):
-    job = job_in(block, Wall(), {'floor': {'speed': 0.1}}, friction=0.25)
-    placed = flat_on(job, YAWS, y=3.0)
-    assert (placed.settle() == RestStatus.SETTLED).all()
-    assert placed.time.max() < 10
-    assert placed.states.velocity[:, 0] * job.radius / job.time_unit == pytest.approx(
-        0.1, abs=1e-4
-    )
 
 
 def test_a_belt_that_runs_into_a_wall_slips_below_a_part_at_rest(block, job_in):
