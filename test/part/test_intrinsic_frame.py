@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from solids import a_turn, turned
 
-from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.part.mass import (
     POWERS,
     higher_moments,
@@ -72,8 +71,10 @@ def test_frame_turns_with_an_asymmetric_part(solid, shape, turn):
 @pytest.mark.slow
 @given(turn=SEEDS)
 def test_frame_of_a_part_with_a_plane_of_symmetry_turns_with_it(solid, turn):
+    """The mesh of the part that is turned has more triangles."""
     part = solid(angle_bracket())
-    axes = solid(turned(angle_bracket(), a_turn(turn))).principal_axes
+    fine = angle_bracket().subdivide()
+    axes = solid(turned(fine, a_turn(turn))).principal_axes
     np.testing.assert_allclose(axes, a_turn(turn) @ part.principal_axes, atol=ANGLE)
 
 
@@ -86,12 +87,6 @@ def test_frame_of_a_part_with_a_centre_of_symmetry_turns_with_it(solid, turn):
     normal = int(np.abs(part.principal_axes[2]).argmax())
     expected = np.where(np.arange(3) == normal, 1.0, np.sign(found[normal - 1, normal - 1]))
     np.testing.assert_allclose(found, np.diag(expected), atol=ANGLE)
-
-
-def test_frame_does_not_depend_on_the_mesh(solid):
-    coarse = angle_bracket()
-    fine = solid(coarse.subdivide().subdivide())
-    np.testing.assert_allclose(fine.principal_axes, solid(coarse).principal_axes, atol=ANGLE)
 
 
 def test_frame_of_a_given_inertia_has_its_axes_and_the_signs_of_the_solid(solid):
@@ -127,19 +122,6 @@ def pinwheel(arms, height=6.0):
     return trimesh.creation.extrude_polygon(
         shapely.union_all([shapely.Point(0, 0).buffer(6, 2 * arms), *turns]), height
     )
-
-
-@pytest.mark.slow
-def test_faces_of_a_pinwheel_are_two_classes(solid):
-    """The mirror image has the faces in the other order: it is the part turned over."""
-    mesh = pinwheel(4)
-    mirrored = trimesh.Trimesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1], process=False)
-    one, other = (
-        [a.down_in_part[2] for a in find_aspects(solid(m)).aspects if abs(a.down_in_part[2]) > 0.9]
-        for m in (mesh, mirrored)
-    )
-    assert sorted(one) == pytest.approx([-1, 1])
-    assert other == pytest.approx(np.negative(one))
 
 
 @pytest.mark.slow
