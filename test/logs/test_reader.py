@@ -13,15 +13,11 @@ from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs import writer
 from resting_aspects_ros.logs.bag import LogOutcome, is_log, recorded_outcome
 from resting_aspects_ros.logs.reader import Recording, messages, open_log
-from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles
+from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic, qos_profiles
 from resting_aspects_ros.logs.writer import RunLog
 
-INTERFACES = 'resting_aspects_interfaces/msg'
-LATCHED = Qos(1, durability='transient_local')
-POSES = Topic(
-    '/cell/resting_poses', f'{INTERFACES}/RestingPoses', Qos(2000, durability='transient_local')
-)
-NUT = Topic('/cell/parts/nut', f'{INTERFACES}/PartDescription', LATCHED)
+POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
+NUT = Topic('/cell/parts/nut', PART_TYPE, Qos(1, durability='transient_local'))
 
 
 def data(k):

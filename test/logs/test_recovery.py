@@ -15,7 +15,7 @@ from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.bag import recorded_outcome
 from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
-from resting_aspects_ros.logs.writer import BagWriter, RunLog
+from resting_aspects_ros.logs.writer import RunLog
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
 PART = Topic('/cell/parts/nut', PART_TYPE, Qos(1, durability='transient_local'))
@@ -128,19 +128,6 @@ def test_logs_of_any_topics_can_be_recovered(tmp_path):
         assert (qos.depth, qos.reliability.name) == (7, 'BEST_EFFORT')
 
 
-def test_concurrent_recovery_is_rejected(unfinished, monkeypatch):
-    finish, others = BagWriter.finish, []
-
-    def meanwhile(writer):
-        others.append(recover_log(unfinished).being_written)
-        return finish(writer)
-
-    monkeypatch.setattr(BagWriter, 'finish', meanwhile)
-    recover_log(unfinished)
-    assert others == [True]
-    assert bag_messages(unfinished) == expected(8)
-
-
 def test_second_recovery_writes_missing_metadata_yaml(unfinished):
     (unfinished / 'metadata.yaml').mkdir()
     with pytest.raises(LogError, match='cannot be written: Is a directory'):
@@ -161,7 +148,7 @@ def test_full_disk_leaves_the_log_unchanged(unfinished, no_space_after):
 WRITE_UNTIL_KILLED = """
 import sys
 from pathlib import Path
-from resting_aspects_ros.logs.writer import BagWriter, RunLog
+from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 log = RunLog(Path(sys.argv[1]), 'run')
 for i in range(10**9):

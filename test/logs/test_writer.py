@@ -5,16 +5,13 @@ import math
 import random
 import shutil
 import subprocess
-from contextlib import closing, suppress
+from contextlib import closing
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
 import yaml
-from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
-from mcap.records import Message
-from mcap.stream_reader import StreamReader
 from rclpy.serialization import serialize_message
 from resting_aspects_interfaces.msg import AspectDistribution, PartDescription, RestingPoses
 from rosbags.highlevel import AnyReader
@@ -23,18 +20,21 @@ from rosbags.rosbag2 import Reader
 from wire import bag_messages, plain
 
 from resting_aspects_ros.errors import LogError
-from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles
+from resting_aspects_ros.logs.reader import messages as messages_of
+from resting_aspects_ros.logs.topics import (
+    DISTRIBUTION_TYPE,
+    PART_TYPE,
+    POSES_TYPE,
+    Qos,
+    Topic,
+    qos_profiles,
+)
 from resting_aspects_ros.logs.writer import RunLog, run_folder_name
 
-INTERFACES = 'resting_aspects_interfaces/msg'
 LATCHED = Qos(depth=1, durability='transient_local')
-PART = Topic('/parts/l_bracket', f'{INTERFACES}/PartDescription', LATCHED)
-POSES = Topic(
-    '/resting_poses', f'{INTERFACES}/RestingPoses', Qos(2000, durability='transient_local')
-)
-DISTRIBUTION = Topic(
-    '/aspect_distributions/l_bracket', f'{INTERFACES}/AspectDistribution', LATCHED
-)
+PART = Topic('/parts/l_bracket', PART_TYPE, LATCHED)
+POSES = Topic('/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
+DISTRIBUTION = Topic('/aspect_distributions/l_bracket', DISTRIBUTION_TYPE, LATCHED)
 # A second topic of a type that is there already, and another QoS.
 OTHER_PART = Topic('/parts/nut', PART.type, Qos(7, 'best_effort', 'volatile', 'keep_all'))
 
@@ -96,14 +96,6 @@ def place(log, request):
 def information(log):
     text = (log.path.parent / 'metadata.yaml').read_text(encoding='utf-8')
     return yaml.safe_load(text)['rosbag2_bagfile_information']
-
-
-def stream(path):
-    """Read a file's messages from front to back, as far as they go, without its index."""
-    found = []
-    with path.open('rb') as file, suppress(EndOfFile):
-        found.extend(each for each in StreamReader(file).records if isinstance(each, Message))
-    return found
 
 
 # -- what readers find ---------------------------------------------------------------------------
@@ -276,8 +268,9 @@ def test_log_times_do_not_decrease(tmp_path):
     with closing(RunLog(tmp_path, 'run')) as log:
         for log_time, publish_time in [(10, None), (5, None), (12, 3)]:
             log.write(PART, b'\0' * 8, log_time, publish_time)
-    found = stream(log.path)
-    assert [(each.log_time, each.publish_time) for each in found] == [(10, 10), (10, 5), (12, 3)]
+    with log.path.open('rb') as file:
+        found = [(m.log_time, m.publish_time) for *_, m in make_reader(file).iter_messages()]
+    assert found == [(10, 10), (10, 5), (12, 3)]
     assert information(log)['duration'] == {'nanoseconds': 2}
 
 
@@ -296,7 +289,7 @@ def test_full_disk_keeps_the_written_messages(tmp_path, no_space_after):
             with pytest.raises(LogError, match=f'{log.path} cannot be written: File too large'):
                 refused()
         log.close()
-    assert [message.data for message in stream(log.path)] == batches[:3]
+    assert list(messages_of(log.path, POSES.type)) == batches[:3]
     assert not (tmp_path / 'run' / 'metadata.yaml').exists()
 
 
@@ -318,7 +311,7 @@ def test_interrupted_write_ends_the_log(tmp_path):
     with pytest.raises(LogError, match=f'log {log.path} was interrupted: TypeError'):
         log.write(POSES, b'batch 01', 3)
     log.close()
-    assert [message.data for message in stream(log.path)] == [b'batch 00']
+    assert list(messages_of(log.path, POSES.type)) == [b'batch 00']
 
 
 def test_existing_log_is_not_overwritten(tmp_path):

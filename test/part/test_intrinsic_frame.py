@@ -24,12 +24,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 ANGLE = 1e-5
 
 
-def angle_bracket() -> trimesh.Trimesh:
-    """Symmetric about one plane, so that one direction of its frame has no third moment."""
-    outline = [(0, 0), (45, 0), (45, 8), (8, 8), (8, 30), (0, 30)]
-    return trimesh.creation.extrude_polygon(shapely.Polygon(outline), 20)
-
-
 def seven_corners(seed: int) -> trimesh.Trimesh:
     points = np.random.default_rng(seed).uniform(-20, 20, size=(7, 3))
     return trimesh.convex.convex_hull(points)
@@ -68,20 +62,11 @@ def test_frame_turns_with_an_asymmetric_part(solid, shape, turn):
     assert np.linalg.det(axes) == pytest.approx(1)
 
 
-@pytest.mark.slow
-@given(turn=SEEDS)
-def test_frame_of_a_part_with_a_plane_of_symmetry_turns_with_it(solid, turn):
-    """The mesh of the part that is turned has more triangles."""
-    part = solid(angle_bracket())
-    fine = angle_bracket().subdivide()
-    axes = solid(turned(fine, a_turn(turn))).principal_axes
-    np.testing.assert_allclose(axes, a_turn(turn) @ part.principal_axes, atol=ANGLE)
-
-
 @given(turn=SEEDS)
 def test_frame_of_a_part_with_a_centre_of_symmetry_turns_with_it(solid, turn):
+    """The mesh of the part that is turned has more triangles."""
     part = solid(s_profile())
-    axes = solid(turned(s_profile(), a_turn(turn))).principal_axes
+    axes = solid(turned(s_profile().subdivide(), a_turn(turn))).principal_axes
     found = part.principal_axes.T @ a_turn(turn).T @ axes
     # The axis of the extrusion keeps its sign; half a turn about it is a symmetry of the part.
     normal = int(np.abs(part.principal_axes[2]).argmax())

@@ -54,23 +54,6 @@ def test_self_intersecting_mesh_is_plausible_or_rejected(seed, kind):
     assert len(find_aspects(part).aspects) >= 1
 
 
-@pytest.mark.slow
-def test_mass_properties_can_be_given_for_any_mesh():
-    given = {'mass': 1, 'inertia': [1e-5, 0, 0, 1e-5, 0, 1e-5]}
-    refused = 0
-    for seed in range(12):
-        data = self_intersecting(seed, 'prism').export(file_type='stl')
-        try:
-            part_from_bytes(data, 'stl', 'odd')
-        except PartError as error:
-            refused += 'intersects itself' in str(error)
-            corners = np.asarray(self_intersecting(seed, 'prism').vertices) / 1e3
-            part = part_from_bytes(data, 'stl', 'odd', centre_of_mass=corners.mean(0), **given)
-            assert 'the given mass properties are used' in ' '.join(part.warnings)
-            assert len(find_aspects(part).aspects) >= 1
-    assert refused > 5
-
-
 @given(seed=st.integers(0, 2**32 - 1))
 def test_volume_integrals_equal_those_of_trimesh(seed):
     generator = np.random.default_rng(seed)
