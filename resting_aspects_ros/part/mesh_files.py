@@ -222,10 +222,7 @@ def _off_rows(data: bytes, label: str) -> tuple[list[list[bytes]], list[list[byt
         raise PartError(
             f'{label} is a broken OFF: it has {_shown(broken)}, expected finite numbers'
         )
-    if match[0].strip() == b'OFF' and (lines := _off_lines(body.split())):
-        counts = lines.pop(0)
-    else:
-        counts, *lines = [line.split() for line in body.splitlines() if line.strip()]
+    counts, *lines = [line.split() for line in body.splitlines() if line.strip()]
     if len(counts) < 2 or not all(map(_is_natural, counts[:2])):
         raise PartError(
             f"{label} is a broken OFF: expected the numbers of vertices and faces after 'OFF'"
@@ -244,28 +241,6 @@ def _off_rows(data: bytes, label: str) -> tuple[list[list[bytes]], list[list[byt
             'number of its corners, at least 3, and their vertex numbers'
         )
     return rows, [row[1 : int(row[0]) + 1] for row in polygons]
-
-
-def _off_lines(words: list[bytes]) -> list[list[bytes]]:
-    """Return the counts, vertices and faces in words with any line breaks.
-
-    The list is empty if the words are not exactly these, because colours follow the faces.
-    """
-    if not all(map(_is_natural, words[:3])):
-        return []
-    vertices, faces, *_ = map(int, (*words[:3], b'0', b'0'))
-    if len(words) < 3 + 3 * vertices + 4 * faces:
-        return []
-    end = 3 + 3 * vertices
-    lines = [words[k : k + 3] for k in range(0, end, 3)]
-    for _ in range(faces):
-        corners = int(words[end]) if end < len(words) and _is_natural(words[end]) else 0
-        row = words[end : end + 1 + corners]
-        if not _is_polygon(row):
-            return []
-        lines.append(row)
-        end += len(row)
-    return lines if end == len(words) else []
 
 
 def _is_polygon(row: list[bytes]) -> bool:

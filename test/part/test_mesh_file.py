@@ -94,7 +94,6 @@ WHOLE = {
     'OFF of both with colours': off(
         QUADS[:3] + TRIANGLES[6:], 'COFF', ' 255 0 0 nan', ' 0.5 0.5 0.5 # 1 x'
     ),
-    'OFF in one line': (b' '.join(off(QUADS)[0].split()), 'off'),
     'OFF of CR lines': (off(QUADS)[0].replace(b'\n', b'\r'), 'off'),
 }
 

@@ -131,12 +131,11 @@ def test_touching_bodies_of_an_assembly_are_one_part_or_chosen():
 
 NAMES = {
     r'Geh\X2\00E4\X0\use': 'Gehäuse',
-    r'Geh\S\duse': 'Gehäuse',
+    r'Geh\X\E4use': 'Gehäuse',
     r'\X2\30DC30EB30C8\X0\ M6': 'ボルト M6',
     r'\X4\0001F5290001F527\X0\1': '\U0001f529\U0001f5271',
-    r'\PB\\S\1\S\9': 'ąš',
     r'a\\X2\\b': r'a\X2\b',
-    "\\S\\'' d''x": "§ d'x",
+    "d''x": "d'x",
     r'\X2\00E\X0\1': r'\X2\00E\X0\1',
 }
 
