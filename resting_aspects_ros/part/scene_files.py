@@ -136,10 +136,6 @@ def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
 def _load(data: bytes, mesh_format: str, label: str) -> Any:
     """Return the trimesh scene."""
     if mesh_format == '3mf':
-        try:
-            import lxml  # noqa: F401 trimesh reads XML with it
-        except ImportError:
-            raise PartError(f'{label} is a 3MF, which needs lxml: pip install lxml') from None
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
         if unpacked > UNPACKED:

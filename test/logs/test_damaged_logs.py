@@ -181,20 +181,12 @@ def chunk_of(compression, data, unpacked, size=None):
 START_OF_FILE = MAGIC + record_of(HEADER, bytes(8))
 
 
-@pytest.mark.parametrize('compression', ['', 'zstd', 'lz4', 'x' * 10**6])
-def test_chunk_with_wrong_header_is_rejected(tmp_path, compression):
-    file = tmp_path / 'odd.mcap'
-    file.write_bytes(START_OF_FILE + chunk_of(compression, b'x' * 100, 50))
-    with pytest.raises(LogError, match='is damaged: found') as caught:
-        Recording(file)
-    assert len(str(caught.value)) < 700
-    assert 'Error' not in str(caught.value)  # no name of a class
-
-
-# -- sizes that need more memory than a log ------------------------------------------------------
-
 ZEROS = bytes(1 << 26)
 FORGED = {
+    'chunk with a wrong size': chunk_of('', b'x' * 100, 50),
+    'zstd chunk of something else': chunk_of('zstd', b'x' * 100, 50),
+    'lz4 chunk of something else': chunk_of('lz4', b'x' * 100, 50),
+    'unknown compression': chunk_of('x' * 10**6, b'x' * 100, 50),
     'message of an unknown channel': record_of(MESSAGE, struct.pack('<HIQQ', 7, 0, 1, 1)),
     'zstd chunk of zeros': chunk_of('zstd', zstandard.compress(ZEROS), 1000),
     'lz4 chunk of zeros': chunk_of('lz4', lz4.frame.compress(ZEROS), 1000),
@@ -208,14 +200,16 @@ FORGED = {
 
 @pytest.mark.parametrize('forged', FORGED)
 @pytest.mark.parametrize('end', [b'', MAGIC])
-def test_forged_size_needs_little_memory(tmp_path, forged, end):
+def test_forged_record_is_refused_with_little_memory(tmp_path, forged, end):
     file = tmp_path / 'forged.mcap'
     file.write_bytes(START_OF_FILE + FORGED[forged] + end)
     tracemalloc.start()
     try:
-        with pytest.raises(LogError, match=r'forged\.mcap'):
+        with pytest.raises(LogError, match=r'forged\.mcap') as caught:
             Recording(file)
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert most < 10**7
+    assert len(str(caught.value)) < 700
+    assert 'Error' not in str(caught.value)  # no name of a class

@@ -1,8 +1,6 @@
 """Reading of closed and unclosed logs: by type, and for playback."""
 
 import os
-import random
-import tracemalloc
 from contextlib import closing
 
 import pytest
@@ -198,22 +196,3 @@ def test_invalid_qos_is_refused(foreign, text, expected):
     path = foreign([('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
     with pytest.raises(LogError, match=expected):
         _ = Recording(path).topics['/a'].qos
-
-
-def test_memory_does_not_grow_with_the_log(tmp_path):
-    """Messages of 100 kB that do not compress; the most is that of a few."""
-    size, count = 100_000, 200
-    content = random.Random(1).randbytes(size)
-    with closing(RunLog(tmp_path, 'run')) as log:
-        for k in range(count):
-            log.write(POSES, content, k)
-            log.flush()
-    tracemalloc.start()
-    try:
-        found = sum(len(message.data) for message in Recording(log.path).messages([POSES.name]))
-        _, most = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert found == size * count
-    # Threads of earlier tests may allocate some, too.
-    assert most < count * size / 3

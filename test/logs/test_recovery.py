@@ -50,14 +50,6 @@ def cut(folder, content):
     return folder
 
 
-@pytest.fixture
-def unfinished(tmp_path):
-    """The folder of a log that was cut off after its last batch."""
-    log, ends = write(tmp_path / 'made')
-    log.close()
-    return cut(tmp_path / 'run', log.path.read_bytes()[: ends[-1]])
-
-
 def expected(batches):
     poses = [(POSES.name, 100 + k, data(k)) for k in range(batches)]
     return [(PART.name, 50, b'\0\1\0\0part'), *poses]
@@ -128,21 +120,15 @@ def test_logs_of_any_topics_can_be_recovered(tmp_path):
         assert (qos.depth, qos.reliability.name) == (7, 'BEST_EFFORT')
 
 
-def test_second_recovery_writes_missing_metadata_yaml(unfinished):
-    (unfinished / 'metadata.yaml').mkdir()
-    with pytest.raises(LogError, match='cannot be written: Is a directory'):
-        recover_log(unfinished)
-    (unfinished / 'metadata.yaml').rmdir()
-    assert not recover_log(unfinished).closed
-    assert bag_messages(unfinished) == expected(8)
-
-
-def test_full_disk_leaves_the_log_unchanged(unfinished, no_space_after):
-    before = (unfinished / 'run_0.mcap').read_bytes()
+def test_full_disk_leaves_the_log_unchanged(tmp_path, no_space_after):
+    log, ends = write(tmp_path / 'made')
+    log.close()
+    before = log.path.read_bytes()[: ends[-1]]
+    folder = cut(tmp_path / 'run', before)
     with no_space_after(1000), pytest.raises(LogError, match='cannot be written: File too large'):
-        recover_log(unfinished)
-    assert (unfinished / 'run_0.mcap').read_bytes() == before
-    assert names_in(unfinished) == ['run_0.mcap']
+        recover_log(folder)
+    assert (folder / 'run_0.mcap').read_bytes() == before
+    assert names_in(folder) == ['run_0.mcap']
 
 
 WRITE_UNTIL_KILLED = """

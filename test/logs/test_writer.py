@@ -255,15 +255,6 @@ def test_javascript_reads_metadata_and_attachments(in_javascript, messages):
 # -- other logs ----------------------------------------------------------------------------------
 
 
-def test_empty_log_is_valid(tmp_path):
-    log = RunLog(tmp_path, 'empty')
-    log.close()
-    assert bag_messages(log.path.parent) == []
-    # What rosbag2 writes as the starting time of nothing.
-    assert information(log)['starting_time'] == {'nanoseconds_since_epoch': 2**63 - 1}
-    assert information(log)['duration'] == {'nanoseconds': 0}
-
-
 def test_log_times_do_not_decrease(tmp_path):
     with closing(RunLog(tmp_path, 'run')) as log:
         for log_time, publish_time in [(10, None), (5, None), (12, 3)]:

@@ -89,7 +89,6 @@ def test_hull_keeps_fine_details_above_noise():
 def test_given_mass_properties_replace_those_of_the_solid():
     solid = part_from_bytes(stl(box()), 'stl', 'box', mass=1)
     heavy = part_from_bytes(stl(box()), 'stl', 'box', mass=2, centre_of_mass=(0.004, 0.01, 0.02))
-    assert (solid.mass, heavy.centre_of_mass.tolist()) == (1, [0.004, 0.01, 0.02])
     np.testing.assert_allclose(heavy.inertia, 2 * solid.inertia)
     assert heavy.hull_radius == pytest.approx(np.sqrt(6**2 + 10**2 + 20**2) * 1e-3)
     # In the order of ROS.

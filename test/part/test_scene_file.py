@@ -4,7 +4,6 @@ import io
 import json
 import re
 import struct
-import sys
 import zipfile
 
 import numpy as np
@@ -209,12 +208,6 @@ def test_error_for_a_broken_file(kind, capfd):
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 500
     assert capfd.readouterr() == ('', '')
-
-
-def test_missing_package_is_named_with_its_installation(monkeypatch):
-    monkeypatch.setitem(sys.modules, 'lxml', None)
-    with pytest.raises(PartError, match='needs lxml: pip install lxml'):
-        part_from_bytes(THREE, '3mf', 'p')
 
 
 def test_zip_that_would_fill_the_memory_is_refused(monkeypatch):
