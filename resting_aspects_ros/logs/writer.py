@@ -213,11 +213,11 @@ class RunLog:
         with self._guard():
             self._writer.mcap.flush()
 
-    def close(self) -> Path:
+    def close(self) -> None:
         """Finish the file and write metadata.yaml; a second call does nothing.
 
-        Returns the run's folder. After an error, the folder has no metadata.yaml and the file has
-        no index, as after a crash. Raises LogError if a log without errors cannot be finished.
+        After an error, the folder has no metadata.yaml and the file has no index, as after a
+        crash. Raises LogError if a log without errors cannot be finished.
         """
         try:
             if not self._ended:
@@ -226,7 +226,6 @@ class RunLog:
         finally:
             self._ended = self._ended or f'log {self.path} is closed'
             _release(self._stream)
-        return self._folder
 
     def _start(self) -> tuple[BinaryIO, BagWriter]:
         """Create folder and file; raises LogError if they exist, OSError if that fails."""

@@ -168,7 +168,7 @@ def test_default_name_is_the_file_stem(tmp_path, stem, name):
     [
         ('bracket.stl', 'does not exist'),
         ('bracket.3ds', r'expected one of \.stl, \.obj, \.ply'),
-        ('bracket.IGS', 'export an STL'),
+        ('bracket.IGS', 'export one of these from your CAD program'),
     ],
 )
 def test_file_that_is_no_mesh_is_refused(tmp_path, name, expected):
