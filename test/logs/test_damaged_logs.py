@@ -15,9 +15,8 @@ from wire import bag_messages
 
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.reader import Recording, messages
-from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
-from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.logs.writer import RunLog, recover_log
 
 START = 1_700_000_000_123_456_789  # ns
 PART_TIME = START - 50

@@ -13,9 +13,8 @@ from wire import bag_messages
 
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.bag import recorded_outcome
-from resting_aspects_ros.logs.recovery import recover_log
 from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic
-from resting_aspects_ros.logs.writer import RunLog
+from resting_aspects_ros.logs.writer import RunLog, recover_log
 
 POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
 PART = Topic('/cell/parts/nut', PART_TYPE, Qos(1, durability='transient_local'))
