@@ -185,7 +185,8 @@ FORGED = {
     'chunk with a wrong size': chunk_of('', b'x' * 100, 50),
     'zstd chunk of something else': chunk_of('zstd', b'x' * 100, 50),
     'lz4 chunk of something else': chunk_of('lz4', b'x' * 100, 50),
-    'unknown compression': chunk_of('x' * 10**6, b'x' * 100, 50),
+    'lz4 chunk that is cut': chunk_of('lz4', lz4.frame.compress(bytes(50))[:10], 50),
+    'chunk of unknown compression': chunk_of('x' * 10**6, b'x' * 100, 50),
     'message of an unknown channel': record_of(MESSAGE, struct.pack('<HIQQ', 7, 0, 1, 1)),
     'zstd chunk of zeros': chunk_of('zstd', zstandard.compress(ZEROS), 1000),
     'lz4 chunk of zeros': chunk_of('lz4', lz4.frame.compress(ZEROS), 1000),
@@ -204,7 +205,9 @@ def test_forged_record_is_refused_with_little_memory(tmp_path, forged, end):
     file.write_bytes(START_OF_FILE + FORGED[forged] + end)
     tracemalloc.start()
     try:
-        with pytest.raises(LogError, match=r'forged\.mcap') as caught:
+        # Other records may also be truncated ones, so that there is no message.
+        reason = 'is damaged: found' if 'chunk' in forged else 'forged'
+        with pytest.raises(LogError, match=reason) as caught:
             Recording(file)
         _, most = tracemalloc.get_traced_memory()
     finally:

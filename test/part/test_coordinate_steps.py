@@ -17,7 +17,7 @@ COARSE = 'are stored in steps of'
 SHAPES = {
     'washer': lambda: trimesh.creation.annulus(5, 10, 2, sections=64),
     'thick washer': lambda: trimesh.creation.annulus(15, 40, 20, sections=48),
-    'plate': lambda: trimesh.creation.box((80, 50, 0.5)),
+    'disc': lambda: trimesh.creation.cylinder(40, 0.5, sections=24),
     'rod': lambda: trimesh.creation.cylinder(1, 200, sections=16),
 }
 
@@ -47,7 +47,6 @@ def obj(mesh, number):
 SINGLE = {
     'binary STL': lambda mesh: (mesh.export(file_type='stl'), 'stl'),
     'STL with 7 digits': lambda mesh: ascii_stl(mesh, lambda x: f'{np.float32(x):e}'),
-    'STL with 6 digits': lambda mesh: ascii_stl(mesh, lambda x: f'{np.float32(x):g}'),
     'OBJ with the shortest text': lambda mesh: obj(mesh, lambda x: str(np.float32(x))),
     'PLY': lambda mesh: (mesh.export(file_type='ply', vertex_normal=False), 'ply'),
 }
@@ -61,7 +60,7 @@ DOUBLE = {
 @pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
-    exponent=st.floats(0, 9),
+    exponent=st.floats(3, 7),
     shape=st.sampled_from(sorted(SHAPES)),
     file=st.sampled_from(sorted(SINGLE)),
 )
