@@ -36,21 +36,12 @@ def error_of(document):
     return message
 
 
-def test_plain_documents_are_read():
-    text = 'unit: mm\nmass: 0x10\nlist: [1, 2.5, true]\nsame: &a {x: 1}\n'
-    found = parse_yaml(text, 'sheet')
-    assert (found['unit'], found['mass'], found['list']) == ('mm', 16, [1, 2.5, True])
-    assert found['same'] == {'x': 1}
-    assert parse_yaml('', 'sheet') is parse_yaml(b'# nothing\n', 'sheet') is None
-
-
 @pytest.mark.parametrize(
     ('text', 'value'),
     [
-        ('1e-6', 1e-6), ('-2E+3', -2000.0), ('.5', 0.5), ('5.', 5.0), ('-0.25e1', -2.5),
-        ('.inf', math.inf), ('-.inf', -math.inf), ('12', 12), ('-3', -3), ('1_000', 1000),
-        ('5:50', '5:50'), ('20:30.5', '20:30.5'), ('0:20', '0:20'), ('010', '010'), ('e5', 'e5'),
-        ('1e', '1e'), ('0.1:0.5', '0.1:0.5'), ('.', '.'),
+        ('1e-6', 1e-6), ('-2E+3', -2000.0), ('.5', 0.5), ('5.', 5.0), ('-.inf', -math.inf),
+        ('-3', -3), ('0x10', 16), ('1_000', 1000), ('5:50', '5:50'), ('20:30.5', '20:30.5'),
+        ('010', '010'), ('e5', 'e5'), ('1e', '1e'), ('.', '.'),
     ],
 )  # fmt: skip
 def test_numbers_are_those_of_yaml_1_2(text, value):
@@ -60,11 +51,9 @@ def test_numbers_are_those_of_yaml_1_2(text, value):
     assert math.isnan(parse_yaml('.nan', 'sheet'))
 
 
-@pytest.mark.parametrize(
-    'text', ['a: 1\nb: 2\na: 3', 'x: {a: 1, "b": 2, a: 3}', '[{a: 1, ? a : 3}]']
-)
+@pytest.mark.parametrize('text', ['a: 1\nb: 2\na: 3', '\n\n[{a: 1, ? a : 3}]'])
 def test_key_that_occurs_twice_is_refused_and_named(text):
-    assert "the key 'a' occurs twice" in error_of(text)
+    assert error_of(text).endswith("the key 'a' occurs twice, again in line 3")
 
 
 def test_value_that_does_not_fit_its_tag_is_an_error():
@@ -78,19 +67,14 @@ def test_value_that_does_not_fit_its_tag_is_an_error():
     'text',
     [
         '[' * 1500,
-        'a: [' + '[' * 400 + ']' * 400 + ']',
         bomb(20),
         bomb(20, merge=True),
         'a: &a {b: *a}',
-        'a: *unknown',
         'a: ' + '9' * 5000,
         '--- 1\n--- 2\n',
         '\x00',
         b'\xff\xff',
-        'a: "\\ud800"\nb: [',
-        '%YAML 9.9\n---\na: 1',
         '? [1, 2]\n: 3',
-        '!!binary "ä"',
     ],
     ids=lambda text: repr(text[:20]),
 )
@@ -111,16 +95,9 @@ def test_a_file_is_read_and_named_in_errors(tmp_path):
     file.write_text('a: 1' + '#' * 70000)
     with pytest.raises(InvalidValueError, match='too large: expected at most 64 KiB'):
         read_yaml(file, 'sheet')
-    with pytest.raises(PartError, match='does not exist'):
-        read_yaml(tmp_path / 'b.yaml', 'sheet', error=PartError)
 
 
 @given(st.text(string.hexdigits + 'xo_:+-.', max_size=14))
 def test_text_is_read_as_it_was_written(text):
     for value in (text, '547775e40049', '0x1f', '12', '1.5', 'null'):
         assert parse_yaml(yaml_text({'run_id': value}), 'sheet') == {'run_id': value}
-
-
-def test_double_key_is_named_with_its_line():
-    with pytest.raises(InvalidValueError, match=r"the key 'kind' occurs twice, again in line 3$"):
-        parse_yaml('a:\n  kind: kick\n  kind: kick\n', 'actions')

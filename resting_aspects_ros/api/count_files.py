@@ -81,7 +81,7 @@ def read_observed(path: Path, ids: Sequence[int], part: str = '') -> ObservedCou
     """
     if is_log(path):
         # ROS is imported only for a log.
-        from resting_aspects_ros.run_logs.contents import observed_in_logs
+        from resting_aspects_ros.run_logs import observed_in_logs
 
         return observed_in_logs(path, part, ids)
     with open_text(path, 'counts file', MAX_BYTES) as file:
@@ -124,7 +124,7 @@ def check_parts(counts: ObservedCounts) -> None:
 def _last_of_log(path: Path) -> CountedDrops:
     """Read the last distribution in a log."""
     # This import takes a second, and other files do not need it.
-    from resting_aspects_ros.run_logs.contents import LoggedRun
+    from resting_aspects_ros.run_logs import LoggedRun
 
     try:
         logged = LoggedRun(path)

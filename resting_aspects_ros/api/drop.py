@@ -377,7 +377,7 @@ def repeat_log(
 def logged_drops(log: str | Path) -> tuple[Part, RunDescription]:
     """Return the part of a log, and the run of exactly the drops in it; InvalidValueError."""
     # This imports ROS, which is not needed without a log.
-    from resting_aspects_ros.run_logs.contents import LoggedRun
+    from resting_aspects_ros.run_logs import LoggedRun
 
     try:
         logged = LoggedRun(Path(log))
@@ -489,7 +489,7 @@ def recorded(
     if folder is None:
         yield None, []
         return
-    from resting_aspects_ros.run_logs.recorder import LocalRunLog
+    from resting_aspects_ros.run_logs import LocalRunLog
 
     log = LocalRunLog(Path(folder), part, planned.run)
     try:
@@ -507,6 +507,6 @@ def read_log(log: str | Path) -> DropResult:
     ``poses`` of the result is None if the log does not have all drops. Raises LogError if the log
     cannot be read, and InvalidValueError if it has no run with its part.
     """
-    from resting_aspects_ros.run_logs.contents import logged_result
+    from resting_aspects_ros.run_logs import logged_result
 
     return logged_result(Path(log))

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -187,8 +186,11 @@ def _read(mesh: Path, yaml_file: Path | None) -> Part | RestingAspectsError:
         return error
 
 
-def read_part_yaml(path: Path, mesh: Path) -> dict[str, Any]:
+def read_part_yaml(path: Path, mesh: Path, unit: str | None = None) -> dict[str, Any]:
     """Return the values of the YAML file of a mesh as arguments of load_part, in SI units.
+
+    unit : str, optional
+        Unit of the mesh if the file states none; by default mm.
 
     Raises
     ------
@@ -205,12 +207,13 @@ def read_part_yaml(path: Path, mesh: Path) -> dict[str, Any]:
     for key in given.keys() & {'density', 'mass'}:
         given[key] = float(given[key])
     if 'centre_of_mass' in given:
-        if 'unit' not in given and mesh.suffix.lower().removeprefix('.') in SCENE_FORMATS:
+        unit = given.get('unit', unit)
+        if unit is None and mesh.suffix.lower().removeprefix('.') in SCENE_FORMATS:
             raise PartError(
                 f'missing unit in {label}: expected the unit of {named("mesh", mesh)}, in which '
                 'the centre_of_mass is given'
             )
-        metres = UNITS[given.get('unit', DEFAULT_UNIT)]
+        metres = UNITS[unit or DEFAULT_UNIT]
         given['centre_of_mass'] = [x * metres for x in given['centre_of_mass']]
     return given
 
@@ -282,15 +285,7 @@ def load_part(
         raise InvalidValueError(
             f'invalid folder of parts {shown(str(folder))}: expected a folder of meshes'
         )
-    try:
-        return PartLibrary(parts_folder() if folder is None else Path(folder)).load(text)
-    except UnknownPartError:
-        if folder is None and (here := _mesh_here(text)):
-            raise UnknownPartError(
-                f'part {shown(text)} is not known; for the mesh file in this folder, write '
-                f'{here!r}'
-            ) from None
-        raise
+    return PartLibrary(parts_folder() if folder is None else Path(folder)).load(text)
 
 
 def given_part(part: Part | str | Path) -> Part:
@@ -311,20 +306,16 @@ def mesh_file(text: str | Path | None) -> Path | None:
     return None
 
 
-def _mesh_here(stem: str) -> str:
-    """Return the name of a mesh file in the working folder; empty if there is none."""
-    with suppress(OSError):
-        for file in sorted(Path().iterdir()):
-            ending = file.suffix.lower().removeprefix('.')
-            if file.stem == stem and ending in FILE_FORMATS and file.is_file():
-                return file.name
-    return ''
-
-
 def _yaml_values(mesh: Path, unit: str | None, body: int | str | None) -> dict[str, Any]:
     """Return the values of the YAML file of a mesh, with the requested unit and body."""
+    if unit is not None and unit not in UNITS:
+        raise InvalidValueError(f'invalid unit {shown(unit)}: expected one of {", ".join(UNITS)}')
     yaml_file = mesh.parent / f'{mesh.stem}.yaml'
-    values = read_part_yaml(yaml_file, mesh) if yaml_file.exists() else {}
+    values = read_part_yaml(yaml_file, mesh, unit) if yaml_file.exists() else {}
+    if unit is not None and values.setdefault('unit', unit) != unit:
+        raise InvalidValueError(
+            f'invalid unit {unit!r}: expected {values["unit"]!r}, the unit in {str(yaml_file)!r}'
+        )
     if body is not None:
         if body_number(values.get('body', body)) != body_number(body):
             raise InvalidValueError(
@@ -332,19 +323,4 @@ def _yaml_values(mesh: Path, unit: str | None, body: int | str | None) -> dict[s
                 f'{shown(str(yaml_file))}'
             )
         values.setdefault('body', body)
-    if unit is None:
-        return values
-    if unit not in UNITS:
-        raise InvalidValueError(f'invalid unit {shown(unit)}: expected one of {", ".join(UNITS)}')
-    written = values.get('unit')
-    if written not in (None, unit):
-        raise InvalidValueError(
-            f'invalid unit {unit!r}: expected {written!r}, the unit in {str(yaml_file)!r}'
-        )
-    # The centre of mass would be read in the default unit.
-    if written is None and 'centre_of_mass' in values and unit != DEFAULT_UNIT:
-        raise InvalidValueError(
-            f'invalid unit {unit!r}: {str(yaml_file)!r} gives a centre_of_mass without a unit; '
-            f'write "unit: {unit}" into it'
-        )
-    return {**values, 'unit': unit}
+    return values

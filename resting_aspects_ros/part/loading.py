@@ -69,8 +69,8 @@ class SeparateBodiesError(PartError):
         See Part.
     """
 
-    def __init__(self, what: str, bodies: tuple[str, ...] = ()) -> None:
-        super().__init__(f'{what} ({listed(bodies)}): choose one{CHOOSE}' if bodies else what)
+    def __init__(self, what: str, bodies: tuple[str, ...]) -> None:
+        super().__init__(f'{what} ({listed(bodies)}): choose one{CHOOSE}')
         self.bodies = bodies
 
 
@@ -350,12 +350,6 @@ def _solid_part(file: _File, surface: Surface, unit: str | None) -> Part:
 FORMATS = (*MESH_FORMATS, *SCENE_FORMATS)
 FILE_FORMATS = (*FORMATS, *STEP_FORMATS)
 MAX_BYTES = 256 << 20  # maximum mesh file size; MAX_TRIANGLES need less in any format
-# File formats of CAD programs. They contain curved surfaces, which must be exported as triangles.
-CAD_FORMATS = (
-    *('stpz', 'iges', 'igs', 'sldprt', 'sldasm', 'ipt', 'iam', 'prt', 'asm'),
-    *('catpart', 'catproduct', 'cgr', 'x_t', 'x_b', 'xmt_txt', 'sat', 'sab', 'jt', 'par', 'psm'),
-    *('3dm', 'fcstd', 'f3d', 'brep', 'brp', 'dwg', 'dxf', 'skp', 'neu', 'model', 'session'),
-)
 
 
 def load_part(
@@ -379,7 +373,11 @@ def load_part(
     label = named('mesh', path)
     mesh_format = path.suffix.lower().removeprefix('.')
     if mesh_format not in FILE_FORMATS and not path.is_dir():
-        raise PartError(f'{label} has {_wrong_format(path.suffix)}')
+        raise PartError(
+            f'{label} has the extension {shown(path.suffix)}: expected one of '
+            f'{", ".join(f".{ending}" for ending in FILE_FORMATS)}; export one of these from your '
+            'CAD program'
+        )
     data = read_input(path, MAX_BYTES, 'mesh', PartError)
     notes: tuple[str, ...] = ()
     if mesh_format in STEP_FORMATS:
@@ -452,14 +450,6 @@ def part_from_bytes(
     """
     given = GivenMassValues(density, mass, centre_of_mass, inertia)
     return _part(_File(f'part {shown(name)}', data, mesh_format, name, body, given), unit)
-
-
-def _wrong_format(suffix: str) -> str:
-    expected = ', '.join(f'.{ending}' for ending in FILE_FORMATS)
-    text = f'the extension {shown(suffix)}: expected one of {expected}'
-    if suffix.lower().removeprefix('.') in CAD_FORMATS:
-        return f'{text}. It is a CAD file: export an STL from your CAD program'
-    return text
 
 
 def _part(file: _File, unit: str | None) -> Part:

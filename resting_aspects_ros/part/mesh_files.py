@@ -26,14 +26,6 @@ MIN_DIGITS = 6
 # values, as are integers with at most this many different values.
 DESIGN_STEPS = 10
 DESIGN_VALUES = 8
-# Coordinates with a point are design values, too, if they have few different values for their
-# number of corners, or if their last digits are only 0 and 5.
-DESIGN_SHARE = 0.75
-# Rounded coordinates of similar size end at the same decimal: nine of ten without zeros at the
-# end, and fewer if all have the same number of digits.
-ROUNDED_SHARE = 0.6
-# More steps along a part do not change its aspects.
-FINE_STEPS = 5_000
 
 
 def coordinate_steps(vertices: Array, words: Words) -> Array:
@@ -48,17 +40,12 @@ def coordinate_steps(vertices: Array, words: Words) -> Array:
     """
     rows = words[:: max(len(words) // MAX_ROWS, 1)]
     columns = zip(*rows, strict=True) if words else ((),) * 3
-    few = min(DESIGN_SHARE * len(set(map(tuple, rows))), DESIGN_VALUES)
-    return np.array([_step(x, column, few) for x, column in zip(vertices.T, columns, strict=True)])
+    return np.array([_step(x, column) for x, column in zip(vertices.T, columns, strict=True)])
 
 
-def _step(values: Array, column: Iterable[bytes], few: float) -> float:
+def _step(values: Array, column: Iterable[bytes]) -> float:
     largest = float(np.abs(values).max())
-    words = {word.lower() for word in column}
-    written = _written_step(words, largest)
-    rounded = _rounded_step(words, largest) if len(words) > few else 0.0
-    if rounded * FINE_STEPS > np.ptp(values):
-        written = max(written, rounded)
+    written = _written_step({word.lower() for word in column}, largest)
     exact = float(np.spacing(largest))
     step = max(exact, written)
     with np.errstate(over='ignore', invalid='ignore'):
@@ -86,20 +73,6 @@ def _written_step(words: Iterable[bytes], largest: float) -> float:
         return 0.0
     last = min(_last_digit(word) for word in large)
     return float(10.0 ** min(last, decade - MIN_DIGITS + 1))
-
-
-def _rounded_step(words: Iterable[bytes], largest: float) -> float:
-    """Return the step of decimals to which most coordinates are rounded; 0 if there is none.
-
-    Integers are design values.
-    """
-    digits = {word.partition(b'e')[0][-1:] for word in words}
-    large = [word for word in words if 0.1 * largest <= abs(float(word)) > 0]
-    if digits <= {b'0', b'5'} or not any(set(word) & set(b'.e') for word in large):
-        return 0.0
-    exponents = [_last_digit(word) for word in large]
-    last = int(np.median(exponents))
-    return float(10.0**last) if exponents.count(last) >= ROUNDED_SHARE * len(large) else 0.0
 
 
 def _last_digit(word: bytes) -> int:
@@ -249,10 +222,7 @@ def _off_rows(data: bytes, label: str) -> tuple[list[list[bytes]], list[list[byt
         raise PartError(
             f'{label} is a broken OFF: it has {_shown(broken)}, expected finite numbers'
         )
-    if match[0].strip() == b'OFF' and (lines := _off_lines(body.split())):
-        counts = lines.pop(0)
-    else:
-        counts, *lines = [line.split() for line in body.splitlines() if line.strip()]
+    counts, *lines = [line.split() for line in body.splitlines() if line.strip()]
     if len(counts) < 2 or not all(map(_is_natural, counts[:2])):
         raise PartError(
             f"{label} is a broken OFF: expected the numbers of vertices and faces after 'OFF'"
@@ -271,28 +241,6 @@ def _off_rows(data: bytes, label: str) -> tuple[list[list[bytes]], list[list[byt
             'number of its corners, at least 3, and their vertex numbers'
         )
     return rows, [row[1 : int(row[0]) + 1] for row in polygons]
-
-
-def _off_lines(words: list[bytes]) -> list[list[bytes]]:
-    """Return the counts, vertices and faces in words with any line breaks.
-
-    The list is empty if the words are not exactly these, because colours follow the faces.
-    """
-    if not all(map(_is_natural, words[:3])):
-        return []
-    vertices, faces, *_ = map(int, (*words[:3], b'0', b'0'))
-    if len(words) < 3 + 3 * vertices + 4 * faces:
-        return []
-    end = 3 + 3 * vertices
-    lines = [words[k : k + 3] for k in range(0, end, 3)]
-    for _ in range(faces):
-        corners = int(words[end]) if end < len(words) and _is_natural(words[end]) else 0
-        row = words[end : end + 1 + corners]
-        if not _is_polygon(row):
-            return []
-        lines.append(row)
-        end += len(row)
-    return lines if end == len(words) else []
 
 
 def _is_polygon(row: list[bytes]) -> bool:

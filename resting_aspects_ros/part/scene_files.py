@@ -136,10 +136,6 @@ def read_scene(data: bytes, mesh_format: str, label: str) -> Scene:
 def _load(data: bytes, mesh_format: str, label: str) -> Any:
     """Return the trimesh scene."""
     if mesh_format == '3mf':
-        try:
-            import lxml  # noqa: F401 trimesh reads XML with it
-        except ImportError:
-            raise PartError(f'{label} is a 3MF, which needs lxml: pip install lxml') from None
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
         if unpacked > UNPACKED:
@@ -227,8 +223,7 @@ _REPRESENTATION = re.compile(
     rb'=\s*\w*SHAPE_REPRESENTATION\s*\(\s*' + _TEXT + rb'\s*,\s*\(([\s,#\d]*)\)'
 )
 _DIRECTIVE = re.compile(
-    r'\\\\|\\X2\\((?:[0-9A-Fa-f]{4})+)\\X0\\|\\X4\\((?:[0-9A-Fa-f]{8})+)\\X0\\'
-    r'|\\X\\([0-9A-Fa-f]{2})|\\P([A-I])\\|\\S\\([ -~])'
+    r'\\\\|\\X2\\((?:[0-9A-Fa-f]{4})+)\\X0\\|\\X4\\((?:[0-9A-Fa-f]{8})+)\\X0\\|\\X\\([0-9A-Fa-f]{2})'
 )
 _ENTITY = re.compile(rb'#(\d+)\s*=\s*(\w+)\s*\(\s*(?:' + _TEXT + rb')?')
 
@@ -282,17 +277,10 @@ class StepItems:
 
 
 def _decoded(text: str) -> str:
-    """Return a text of a STEP file without the control directives of ISO 10303-21."""
-    page = 'iso8859-1'
+    r"""Return a text of a STEP file without the directives \X\, \X2\ and \X4\ of ISO 10303-21."""
 
     def character(found: re.Match[str]) -> str:
-        nonlocal page
-        two, four, byte, letter, low = found.groups()
-        if letter:
-            page = f'iso8859-{ord(letter) - ord("A") + 1}'
-            return ''
-        if low:
-            return bytes([ord(low) + 128]).decode(page, 'replace')
+        two, four, byte = found.groups()
         if byte:
             return chr(int(byte, 16))
         if two or four:

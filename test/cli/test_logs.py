@@ -16,7 +16,7 @@ from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.ros import distribution_conversions
 from resting_aspects_ros.ros.conversions import part_msg, poses_msgs
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
-from resting_aspects_ros.run_logs.contents import logged_result
+from resting_aspects_ros.run_logs import logged_result
 from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range

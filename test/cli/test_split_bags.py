@@ -11,7 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 import resting_aspects_ros as ra
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.logs.reader import Recording
-from resting_aspects_ros.logs.recovery import recover_log
+from resting_aspects_ros.logs.writer import recover_log
 
 INFORMATION = 'rosbag2_bagfile_information'
 DROPS = 300

@@ -8,7 +8,7 @@ import trimesh
 from mcap.reader import make_reader
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.run_logs.contents import logged_result
+from resting_aspects_ros.run_logs import logged_result
 
 
 def test_a_log_in_a_chute_is_read(run, tmp_path, assert_same_poses):

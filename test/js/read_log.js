@@ -71,9 +71,7 @@ async function indexed(path, decompressHandlers) {
     const reader = await McapIndexedReader.Initialize({ readable, decompressHandlers });
     const decoder = new Decoder();
     const found = {
-      profile: reader.header.profile,
       compressions: reader.chunkIndexes.map((chunk) => chunk.compression),
-      statistics: exact(reader.statistics),
       messages: [],
       attachments: [],
       metadata: [],

@@ -1,9 +1,6 @@
 """Reading of closed and unclosed logs: by type, and for playback."""
 
 import os
-import random
-import struct
-import tracemalloc
 from contextlib import closing
 
 import pytest
@@ -14,15 +11,11 @@ from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs import writer
 from resting_aspects_ros.logs.bag import LogOutcome, is_log, recorded_outcome
 from resting_aspects_ros.logs.reader import Recording, messages, open_log
-from resting_aspects_ros.logs.topics import Qos, Topic, qos_profiles
+from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, Qos, Topic, qos_profiles
 from resting_aspects_ros.logs.writer import RunLog
 
-INTERFACES = 'resting_aspects_interfaces/msg'
-LATCHED = Qos(1, durability='transient_local')
-POSES = Topic(
-    '/cell/resting_poses', f'{INTERFACES}/RestingPoses', Qos(2000, durability='transient_local')
-)
-NUT = Topic('/cell/parts/nut', f'{INTERFACES}/PartDescription', LATCHED)
+POSES = Topic('/cell/resting_poses', POSES_TYPE, Qos(2000, durability='transient_local'))
+NUT = Topic('/cell/parts/nut', PART_TYPE, Qos(1, durability='transient_local'))
 
 
 def data(k):
@@ -66,19 +59,14 @@ def test_messages_count_and_outcome_of_a_closed_log(log):
             assert (found.message_count, found.warning) == (7, '')
             assert found.outcome == LogOutcome(6, whole=True)
         assert list(messages(place, POSES.type)) == [data(k) for k in range(6)]
-        assert list(messages(place, NUT.type)) == [data(77)]
         recording = Recording(place)
         assert read_messages(recording) == WRITTEN
         assert read_messages(recording) == WRITTEN  # as often as one likes
 
 
-@pytest.mark.parametrize(
-    'outcome',
-    [{'whole': 'tRue', 'drops': '6'}, {'whole': 'true', 'drops': '6' * 5000}],
-    ids=['a flipped bit', 'more digits than Python reads'],
-)
-def test_outcome_that_is_not_readable_is_unknown(log, outcome):
-    log.add_metadata('outcome', outcome)
+def test_outcome_that_is_not_readable_is_unknown(log):
+    """Python does not read a number of more than 4300 digits."""
+    log.add_metadata('outcome', {'whole': 'true', 'drops': '6' * 5000})
     log.close()
     assert recorded_outcome(log.path.parent) is None
     with open_log(log.path) as found:
@@ -100,7 +88,6 @@ def test_other_definition_of_a_type_is_rejected(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ('name', 'expected'),
     [
-        ('nowhere.mcap', "log '{}' cannot be read: No such file or directory"),
         ('folder', "folder '{}' is not a log: it has no .mcap file"),
         ('other.mcap', "log '{}' is damaged, or not an MCAP file: it begins with b'aspect,c'"),
         ('pipe.mcap', "log '{}' is neither a file nor a folder"),
@@ -142,7 +129,6 @@ def test_topics_have_their_descriptions_times_and_messages(log):
     for topic in (POSES, NUT):
         found = recording.topics[topic.name]
         assert (found.type, found.qos) == (topic.type, topic.qos)
-        assert found.channel.message_encoding == 'cdr'
         assert found.type_hash.startswith('RIHS01_')
     assert (recording.start, recording.end) == (100, 150)
     assert read_messages(recording, [NUT.name]) == [(NUT.name, 125, 77)]
@@ -152,9 +138,6 @@ def test_open_log_has_the_messages_at_its_opening(log):
     with open_log(log.path) as found:
         assert (found.closed, found.being_written) == (False, True)
         assert found.warning.endswith('is being written: the messages in it so far are used')
-        assert [each.data for each in found.of_types([NUT.type])] == [data(77)]
-        assert found.outcome is None
-        assert found.message_count == 7
         log.write(NUT, data(9), 200)
         log.flush()
         assert len(list(found.messages())) == 7
@@ -191,9 +174,7 @@ def test_logs_of_other_writers_may_lack_qos_and_hash(foreign):
     channels = [('/a', 'json', '', {}), ('/b', 'cdr', POSES.type, {'offered_qos_profiles': ''})]
     path = foreign([*channels, ('/never', 'cdr', NUT.type, {})], [(0, 1), (1, 2)])
     topics = Recording(path).topics
-    assert list(topics) == ['/a', '/b']  # no message, no topic
-    assert (topics['/a'].type, topics['/a'].channel.message_encoding) == ('', 'json')
-    assert topics['/b'].type == POSES.type
+    assert {name: topic.type for name, topic in topics.items()} == {'/a': '', '/b': POSES.type}
     assert all(topic.qos is topic.type_hash is None for topic in topics.values())
 
 
@@ -207,33 +188,11 @@ def test_topic_with_two_types_is_rejected(foreign):
 @pytest.mark.parametrize(
     ('text', 'expected'),
     [
-        ('[{', 'is not valid YAML'),
         ('just words', 'expected profiles as rosbag2'),
         (yaml_text(qos_profiles(Qos(1))).replace(': reliable', ': 1'), 'reliability 1'),
-        (yaml_text(qos_profiles(Qos(1))).replace('depth: 1', 'depth: x'), 'expected profiles'),
     ],
 )
 def test_invalid_qos_is_refused(foreign, text, expected):
     path = foreign([('/a', 'cdr', NUT.type, {'offered_qos_profiles': text})], [(0, 1)])
     with pytest.raises(LogError, match=expected):
         _ = Recording(path).topics['/a'].qos
-
-
-def test_memory_does_not_grow_with_the_log(tmp_path):
-    """Messages of 100 kB that do not compress; the most is that of a few."""
-    size, count = 100_000, 200
-    state = bytearray(random.Random(1).randbytes(size))
-    with closing(RunLog(tmp_path, 'run')) as log:
-        for k in range(count):
-            state[:8] = struct.pack('<Q', k)
-            log.write(POSES, bytes(state), k)
-            log.flush()
-    tracemalloc.start()
-    try:
-        found = sum(len(message.data) for message in Recording(log.path).messages([POSES.name]))
-        _, most = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert found == size * count
-    # Threads of earlier tests may allocate some, too.
-    assert most < count * size / 3

@@ -22,7 +22,7 @@ from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client import NotAvailableError, RestingAspectsClient, connection
 from resting_aspects_ros.logs.bag import recorded_outcome
-from resting_aspects_ros.logs.recovery import recover_log
+from resting_aspects_ros.logs.writer import recover_log
 from resting_aspects_ros.ros.conversions import poses_from
 from resting_aspects_ros.ros.interface import POSES, RESTING_POSES
 from resting_aspects_ros.statistics.distribution import count_poses

@@ -14,7 +14,7 @@ from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.topics import POSES_TYPE, Qos, Topic
 from resting_aspects_ros.nodes.drop_recorder.node import absolute_folder
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.run_logs.recorder import RunRecorder, whole_log
+from resting_aspects_ros.run_logs import RunRecorder, whole_log
 from resting_aspects_ros.simulation.job import RunDescription
 
 DROPS = 520

@@ -22,7 +22,7 @@ from resting_aspects_ros.ros.interface import (
     RESTING_POSES,
     offered_qos,
 )
-from resting_aspects_ros.run_logs.recorder import RunRecorder
+from resting_aspects_ros.run_logs import RunRecorder
 
 TOPIC = 'transitions/tetrahedron'
 

@@ -37,15 +37,6 @@ def tube(sections=32):
     return trimesh.creation.annulus(r_min=10, r_max=20, height=30, sections=sections)
 
 
-def bolt(shift=0.0, turn=0.0):
-    """A hexagon head of 5 mm on a shank of 20 mm that ends inside the head."""
-    head = trimesh.creation.cylinder(radius=8, height=5, sections=6)
-    shank = trimesh.creation.cylinder(radius=4, height=20, sections=24)
-    shank.apply_transform(trimesh.transformations.rotation_matrix(turn, (0, 0, 1)))
-    shank.apply_translation((shift, 0, -10 + 1))
-    return head, shank
-
-
 def part_of(mesh: Mesh, **given) -> Part:
     data = mesh.export(file_type='off', digits=15).encode()
     return part_from_bytes(data, 'off', 'bracket', unit='mm', **given)
@@ -61,21 +52,17 @@ def cubic_mm(part: Part) -> float:
     return part.volume * 1e9
 
 
-@pytest.mark.parametrize(('missing', 'edges'), [([0], 3), ([0, 2], 4)])
-def test_open_mesh_needs_all_mass_properties(missing, edges):
+def test_open_mesh_needs_all_mass_properties():
     """The triangles 0 and 2 of the box are one side of it, and share one edge."""
-    opened = Mesh(box().vertices, np.delete(box().faces, missing, axis=0), process=False)
+    opened = Mesh(box().vertices, np.delete(box().faces, [0, 2], axis=0), process=False)
     for lacking in ALL:
         message = refusal(opened, **{key: ALL[key] for key in ALL if key != lacking})
-        assert "part 'bracket'" in message
-        assert 'not watertight' in message
-        assert f' {edges} open edges' in message
+        assert "part 'bracket' is not watertight: it has 4 open edges" in message
     part = part_of(opened, **ALL)
     assert (part.mass, part.centre_of_mass.tolist()) == (1, [0, 0, 0.001])
-    assert len(part.hull_vertices) == 8
     (warning,) = part.warnings
-    assert f' {edges} open edges' in warning
-    assert f' {edges} open edges: no body of it can be chosen' in refusal(opened, body=1)
+    assert ' 4 open edges' in warning
+    assert 'no body of it can be chosen' in refusal(opened, body=1)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -85,13 +72,7 @@ def test_flat_mesh_of_any_outline_and_orientation_has_no_volume(seed):
     corners = generator.uniform(-20, 20, size=(5, 2)) @ generator.normal(size=(2, 3))
     corners = (corners + generator.uniform(-20, 20, size=3)).astype(np.float32)
     faces = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (2, 1, 0), (3, 2, 0), (4, 3, 0)]
-    assert 'has no volume' in refusal(Mesh(corners.astype(float), faces, process=False))
-
-
-@pytest.mark.parametrize('scale', [(1, 0, 0), (0, 0, 0)])
-def test_line_or_point_has_no_volume(scale):
-    mesh = Mesh(box().vertices * scale + 7, box().faces, process=False)
-    assert 'has no volume' in refusal(mesh, **ALL)
+    assert 'has no volume' in refusal(Mesh(corners.astype(float), faces, process=False), **ALL)
 
 
 def turned_bar():
@@ -109,14 +90,15 @@ def extra(*faces):
 
 
 SMALL = (10, 10, 10)
+# The end of the shank, 5 mm, is in the head.
+HEAD, SHANK = (trimesh.creation.cylinder(radius, height=20) for radius in (8, 4))
+BOLT = both(HEAD, SHANK.apply_translation((1.3, 0, -15)))
 CAVITY = inverted(box(SMALL, (5, 0, 0)))
 TOUCH = 'has 2 bodies that touch each other and are treated as one part'
 # The mesh, its volume in mm^3, and what the only warning says, or nothing.
 REPAIRED = {
-    'inside out': (inverted(box()), 24000, 'inside out'),
-    'cavity': (both(box(), CAVITY), 23000, ''),
-    'cavity first': (both(CAVITY, box()), 23000, ''),
-    'all inside out': (inverted(both(box(), CAVITY)), 23000, 'was inside out and was flipped'),
+    'inside out': (inverted(both(box(), CAVITY)), 23000, 'was inside out and was flipped'),
+    'cavity': (both(CAVITY, box()), 23000, ''),
     'outside inside out': (both(inverted(box()), CAVITY), 23000, '1 of 2 bodies'),
     'triangles inside out': (
         inverted(both(box(), CAVITY), [0, 1, 14]),
@@ -132,8 +114,6 @@ REPAIRED = {
     # The triangles of the common side are there twice, and cancel.
     'common side': (both(box(), box(at=(40, 0, 0))), 48000, ''),
     'on a side': (both(box(), box(SMALL, (25, 0, 0))), 25000, TOUCH),
-    'along part of an edge': (both(box(), box(SMALL, (25, 20, 0))), 25000, TOUCH),
-    'at a corner': (both(box(), box(SMALL, (25, 20, 15))), 25000, TOUCH),
     'but for float32': (both(box(), box(SMALL, (25 + 1e-5, 0, 0))), 25000, TOUCH),
     # The four sides of a short square bar lie on those of the square hole around it.
     'bar in a hole': (both(tube(4), turned_bar()), tube(4).volume + 4000, TOUCH),
@@ -142,6 +122,7 @@ REPAIRED = {
         24000,
         'changed the volume by -4 %. A body inside another one is a cavity only if',
     ),
+    'bolt': (BOLT, HEAD.volume + SHANK.volume * 3 / 4, '2 bodies that overlap; they were united'),
     'cavity beside a union': (
         both(inverted(box(SMALL, (-5, 0, 0))), box(), box((20, 20, 10), (20, 0, 0))),
         25000,
@@ -221,21 +202,6 @@ def test_surface_without_an_inside_is_no_solid():
 # -- Several bodies -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(('shift', 'turn'), [(0.0, 0.0), (1.3, 0.1), (3.0, 0.0)])
-def test_overlapping_bodies_are_united_with_a_warning(shift, turn):
-    """The end of the shank, 3.5 mm, is in the head."""
-    head, shank = bolt(shift, turn)
-    common = shank.volume * 3.5 / 20
-    part = part_of(both(head, shank))
-    total = head.volume + shank.volume - common
-    assert cubic_mm(part) == pytest.approx(total, rel=1e-6)
-    centre = (shank.volume * -9 - common * (-2.5 + 3.5 / 2)) / total
-    assert part.centre_of_mass[2] * 1e3 == pytest.approx(centre, rel=1e-5)
-    (warning,) = part.warnings
-    change = 100 * (total / (head.volume + shank.volume) - 1)
-    assert f'were united, which changed the volume by {change:.2g} %' in warning
-
-
 @settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_volume_of_the_union_of_three_boxes(seed):
@@ -251,7 +217,7 @@ def test_volume_of_the_union_of_three_boxes(seed):
 
 
 def test_the_same_union_is_made_every_time():
-    mesh = both(*bolt(1.3, 0.1), trimesh.creation.icosphere(3, radius=5))
+    mesh = both(BOLT, trimesh.creation.icosphere(3, radius=5))
     assert len({part_of(mesh).part_sha256 for _ in range(3)}) == 1
 
 
@@ -261,22 +227,18 @@ TWO = both(box(SMALL, (60, 0, 0)), box())
 @pytest.mark.parametrize(
     ('mesh', 'expected'),
     [
-        (TWO, '2 bodies that do not touch each other (1: 40 x 30 x 20 mm, 2: 10 x 10 x 10 mm)'),
         (both(tube(), box((8, 8, 8))), '2 bodies that do not touch'),  # a peg in a hole
         (
             both(box(), inverted(box((16, 16, 16))), box((2, 2, 2))),  # a body in a cavity
             '2 bodies that do not touch each other (1: 40 x 30 x 20 mm, 2: 2 x 2 x 2 mm)',
         ),
-        (both(*(box((1, 1, 1), (3 * k, 0, 0)) for k in range(9))), '5: 1 x 1 x 1 mm, ...)'),
         (both(box(), box(SMALL, (25.01, 0, 0))), '2 bodies that do not touch'),
     ],
 )
 def test_separate_bodies_are_rejected_with_instructions(mesh, expected):
-    message = refusal(mesh)
+    message = refusal(mesh, **ALL)
     assert expected in message
     assert 'choose one with --body, or with "body" in the YAML file' in message
-    assert message.isprintable()
-    assert 'do not touch' in refusal(mesh, **ALL)
 
 
 def test_a_chosen_body_is_the_part_that_it_would_be_alone():
@@ -286,9 +248,9 @@ def test_a_chosen_body_is_the_part_that_it_would_be_alone():
         for name in ('vertices', 'faces', 'hull_vertices', 'centre_of_mass', 'inertia'):
             one, other = getattr(chosen, name), getattr(part, name)
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-18)
-    united = part_of(both(*bolt(), box((1, 1, 1), (30, 0, 0))), body=1)
+    united = part_of(both(BOLT, box((1, 1, 1), (30, 0, 0))), body=1)
     assert 'they were united' in united.warnings[0]
-    assert cubic_mm(united) == pytest.approx(cubic_mm(part_of(both(*bolt()))))
+    assert cubic_mm(united) == pytest.approx(cubic_mm(part_of(BOLT)))
 
 
 def test_body_number_does_not_depend_on_file_order():
@@ -302,24 +264,23 @@ def test_body_number_does_not_depend_on_file_order():
 
 
 def test_part_sha256_depends_on_the_body():
-    around = both(*(trimesh.creation.annulus(r, r + 5, 30, sections=32) for r in (5, 20, 30)))
-    parts = [part_of(around, body=number, **ALL) for number in (1, 2, 3)]
-    assert len({part.part_sha256 for part in parts}) == 3
+    around = both(*(trimesh.creation.annulus(r, r + 5, 30, sections=32) for r in (5, 20)))
+    one, other = (part_of(around, body=number, **ALL) for number in (1, 2))
+    assert one.part_sha256 != other.part_sha256
     # The only body of a mesh is the mesh.
     assert part_of(box(), body=1).part_sha256 == part_of(box()).part_sha256
 
 
-@pytest.mark.parametrize('body', [0, 3, True, 1.0, 'x', 10**400])
+@pytest.mark.parametrize('body', [0, 3, True, 'x', 10**400])
 def test_invalid_body_number_is_rejected(body):
     message = refusal(TWO, body=body)
     assert message.startswith('invalid body ')
     assert message.endswith("of part 'bracket': expected 1 to 2")
-    assert len(message) < 200
 
 
 def test_error_without_manifold3d_explains_installation(monkeypatch):
     monkeypatch.setitem(sys.modules, 'manifold3d', None)
-    assert 'pip install manifold3d' in refusal(both(*bolt()))
+    assert 'pip install manifold3d' in refusal(BOLT)
     assert cubic_mm(part_of(box())) == pytest.approx(24000)  # is not needed for one body
 
 

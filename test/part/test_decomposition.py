@@ -62,7 +62,6 @@ def test_convex_part_is_its_own_piece_without_coacd(part, monkeypatch):
     assert len(found.corners) == 1
     np.testing.assert_array_equal(found.corners[0], shape.hull_vertices)
     assert max(found.missing, found.excess) < 1e-9 * shape.hull_radius
-    assert abs(found.volume_error) < 1e-9
     with pytest.raises(PartError, match='pip install coacd'):
         convex_pieces(part('l_bracket'))
 

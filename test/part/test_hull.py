@@ -63,8 +63,6 @@ def scaled(mesh):
 @pytest.mark.parametrize(
     ('name', 'arguments', 'corners', 'edges', 'facets'),
     [
-        ('box', (10, 20, 30), 8, 12, 6),
-        ('prism', (64,), 128, 192, 66),
         ('washer', (16,), 32, 48, 18),
         ('random_sphere', (60,), 60, 3 * 60 - 6, 2 * 60 - 4),
     ],

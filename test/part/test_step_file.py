@@ -52,16 +52,14 @@ def check_box(part, sides, centre, **tolerance):
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(('unit', 'scale'), [('.MILLI.', 1), ('.CENTI.', 10), ('$', 1000)])
+@pytest.mark.parametrize(('unit', 'scale'), [('.MILLI.', 1), ('$', 1000)])
 def test_unit_is_that_of_the_file(save, unit, scale):
-    part = load_part(save(step_text(BOX[0] / scale, BOX[1], unit), 'Box 1.stp'), unit='mm')
+    file = save(step_text(BOX[0] / scale, BOX[1], unit), 'Box 1.stp')
+    part = load_part(file, unit='mm')
     check_box(part, (10, 20, 30), (5, 10, 15), rtol=1e-5)
     assert (part.name, part.warnings) == ('box_1', ())
-
-
-def test_other_unit_than_that_of_the_file_is_refused(save):
     with pytest.raises(InvalidValueError, match='expected none, because the file has its own'):
-        load_part(save(step_text(*BOX)), unit='cm')
+        load_part(file, unit='cm')
 
 
 @pytest.mark.slow
@@ -80,23 +78,16 @@ def test_cavity_belongs_to_its_solid():
     inner = file.polygons(*box_faces((5, 5, 5), (2, 2, 2)))
     hollow = file.solid('hollow', file.polygons(*BOX), inner)
     file.product('part', [hollow, box(file, 'beside', (5, 5, 5), (50, 0, 0))])
-    body = in_glb(file)
-    assert body('hollow').volume == pytest.approx((6000 - 125) * 1e-9, rel=4 * FLOAT32)
-    assert body(2).volume == pytest.approx(125e-9, rel=4 * FLOAT32)
+    assert in_glb(file)('hollow').volume == pytest.approx((6000 - 125) * 1e-9, rel=4 * FLOAT32)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('order', [(0, 1, 2), (1, 2, 0)])
-def test_sheets_and_wires_are_left_out_and_named(save, order):
+def test_sheets_and_wires_are_left_out_and_named(save):
     """One sheet lies above the box, one begins at an edge of it."""
     file = StepFile()
-    items = [
-        box(file, 'block', (10, 20, 30)),
-        sheet(file, 'datum', (0, 0, 50)),
-        sheet(file, 'ledge', (0, 0, 30)),
-    ]
-    items = [items[k] for k in order]
-    file.product('part', [*items, file.wire('axis', (0, 0, -50), (0, 0, 50))])
+    datum, ledge = (sheet(file, name, (0, 0, z)) for name, z in (('datum', 50), ('ledge', 30)))
+    block = box(file, 'block', (10, 20, 30))
+    axis = file.wire('axis', (0, 0, -50), (0, 0, 50))
+    file.product('part', [datum, block, ledge, axis])
     part = load_part(save(file))
     check_box(part, (10, 20, 30), (5, 10, 15))
     (warning,) = part.warnings
@@ -106,18 +97,12 @@ def test_sheets_and_wires_are_left_out_and_named(save, order):
 
 
 @pytest.mark.slow
-def test_sheet_that_is_a_product_is_left_out(save):
+def test_file_without_a_solid_is_refused(save):
     file = StepFile()
     surface = 'MANIFOLD_SURFACE_SHAPE_REPRESENTATION'
-    plane = file.product('plane', [sheet(file, 'top plane', (0, 0, 0))], surface)
+    file.product('plane', [sheet(file, 'top plane', (0, 0, 0))], surface)
     with pytest.raises(PartError, match='has no solid'):
         load_part(save(file))
-    solid = file.product('block', [box(file, 'b', (10, 20, 30))])
-    file.assembly('whole', [('block', solid, (1, 2, 3)), ('plane', plane, (0, 0, 50))])
-    part = load_part(save(file))
-    check_box(part, (10, 20, 30), (6, 12, 18))
-    (warning,) = part.warnings
-    assert 'top plane' in warning
 
 
 def assembly():
@@ -138,55 +123,33 @@ def test_touching_bodies_of_an_assembly_are_one_part_or_chosen():
     for word in ('3 bodies', "1: 'bolt:1' 10 x 10 x 30 mm", 'nut:1', 'nut:2', '--body'):
         assert word in warning
     for chosen, height, middle in (('bolt:1', 30, 15), ('nut:1', 5, 32.5), (3, 5, 37.5)):
-        part = body(chosen)
-        check_box(part, (10, 10, height), (5, 5, middle))
-        # What is sent to other nodes and written to logs has everything that is needed.
-        assert body(part.body).part_sha256 == part.part_sha256
+        check_box(body(chosen), (10, 10, height), (5, 5, middle))
     for unknown in (0, 'nut', True):
-        with pytest.raises(InvalidValueError, match='invalid body') as caught:
+        with pytest.raises(InvalidValueError, match=r"invalid body .* 1 to 3, .*'bolt:1'"):
             body(unknown)
-        for word in ('1 to 3', 'bolt:1', 'nut:1', 'nut:2'):
-            assert word in str(caught.value)
-
-
-def bodies_of(file):
-    return read_scene(glb_from_step(file.text().encode(), 'file')[0], 'glb', 'file').bodies
 
 
 NAMES = {
     r'Geh\X2\00E4\X0\use': 'Gehäuse',
     r'Geh\X\E4use': 'Gehäuse',
-    r'Geh\S\duse': 'Gehäuse',
     r'\X2\30DC30EB30C8\X0\ M6': 'ボルト M6',
     r'\X4\0001F5290001F527\X0\1': '\U0001f529\U0001f5271',
-    r'\PB\\S\1\S\9': 'ąš',
     r'a\\X2\\b': r'a\X2\b',
-    "\\S\\'' d''x": "§ d'x",
+    "d''x": "d'x",
     r'\X2\00E\X0\1': r'\X2\00E\X0\1',
 }
 
 
 def test_names_of_solids_are_those_of_the_cad_program():
-    """The first three are equal, so that they are numbered."""
+    """The first two are equal, so that they are numbered."""
     file = StepFile()
     sizes = range(20, 20 - len(NAMES), -1)
     places = [(50 * k, 0, 0) for k in range(len(NAMES))]
     given = zip(NAMES, sizes, places, strict=True)
     file.product('box', [box(file, name, (10, 10, size), at) for name, size, at in given])
-    names = [body.name for body in bodies_of(file)]
+    data, _ = glb_from_step(file.text().encode(), 'file')
+    names = [body.name for body in read_scene(data, 'glb', 'file').bodies]
     assert [name.removesuffix(f'_{k}') for k, name in enumerate(names)] == list(NAMES.values())
-
-
-def test_names_of_bodies_are_unique():
-    file = StepFile()
-    pair = file.product(
-        'pair', [box(file, '', (10, 10, 10)), box(file, '', (10, 10, 5), (0, 0, 20))]
-    )
-    file.assembly('whole', [('left', pair, (0, 0, 0)), ('right', pair, (50, 0, 0))])
-    bodies = bodies_of(file)
-    assert len({body.name for body in bodies}) == 4
-    middles = [body.triangles.vertices[:, 0].mean() for body in bodies]
-    np.testing.assert_allclose(sorted(middles), [0.005, 0.005, 0.055, 0.055], rtol=FLOAT32)
 
 
 def thin_tube(wall, turn=0.025):
@@ -215,7 +178,7 @@ def test_reader_prints_nothing(save, capfd):
     """One file has a reference to an entity that does not exist, the others are damaged."""
     unresolved = "DATA;\n#9998=PRODUCT_RELATED_PRODUCT_CATEGORY('','',(#9999));"
     load_part(save(step_text(*BOX).replace('DATA;', unresolved)))
-    for damaged in ('solid x', 'ISO-10303-21;\nHEADER;\n', step_text(*BOX)[:3000]):
+    for damaged in ('solid x', step_text(*BOX)[:3000]):
         with pytest.raises(PartError, match='STEP file'):
             load_part(save(damaged))
     assert capfd.readouterr() == ('', '')
@@ -227,14 +190,9 @@ def test_missing_package_is_named_with_its_installation(save, monkeypatch):
         load_part(save(step_text(*BOX)))
 
 
-@pytest.mark.parametrize(
-    ('entity', 'damaged'),
-    [(r"VECTOR\('',#\d+", "VECTOR('',$"), (r"N_POINT\('',\([^)]*\)", "N_POINT('',()")],
-)
-def test_file_that_crashes_the_reader_gives_an_error(save, entity, damaged):
+def test_file_that_crashes_the_reader_gives_an_error(save):
     """Open CASCADE accesses memory that it must not access."""
-    text, count = re.subn(entity, damaged, step_text(*BOX), count=1)
-    assert count
+    text = re.sub(r"VECTOR\('',#\d+", "VECTOR('',$", step_text(*BOX), count=1)
     with pytest.raises(PartError, match=r'cannot be read .* signal 11'):
         load_part(save(text))
 
@@ -242,8 +200,6 @@ def test_file_that_crashes_the_reader_gives_an_error(save, entity, damaged):
 def test_folder_of_parts_takes_step_files(save, tmp_path):
     save(assembly(), 'nut.step')
     (tmp_path / 'nut.yaml').write_text('body: "nut:2"\ncentre_of_mass: [5, 5, 38]\n')
-    library = PartLibrary(tmp_path)
-    assert library.names() == ['nut']
-    assert library.problems() == []
-    np.testing.assert_allclose(library.load('nut').centre_of_mass, (0.005, 0.005, 0.038))
-    assert library.load('nut').body == 3
+    part = PartLibrary(tmp_path).load('nut')
+    np.testing.assert_allclose(part.centre_of_mass, (0.005, 0.005, 0.038))
+    assert part.body == 3

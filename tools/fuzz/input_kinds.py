@@ -184,8 +184,16 @@ def csv_kinds() -> dict[str, Kind]:
 # A prism with polygons of 5 and 4 corners.
 PRISM = """OFF  # a comment
 10 7 15
-0 0 0  20 0 0  25 10 0  10 20 0  -5 10 0
-0 0 8  20 0 8  25 10 8  10 20 8  -5 10 8
+0 0 0
+20 0 0
+25 10 0
+10 20 0
+-5 10 0
+0 0 8
+20 0 8
+25 10 8
+10 20 8
+-5 10 8
 5 4 3 2 1 0
 5 5 6 7 8 9
 4 0 1 6 5

@@ -13,7 +13,7 @@ from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
 from resting_aspects_ros.cli.verbs.request import result_from
 from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.errors import RestingAspectsError
-from resting_aspects_ros.run_logs.contents import logged_result
+from resting_aspects_ros.run_logs import logged_result
 from resting_aspects_ros.system import Interruption
 
 PART, DROPS, SEED = 'l_bracket', 1000, 1

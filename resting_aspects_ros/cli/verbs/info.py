@@ -21,7 +21,7 @@ from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_doc
 from resting_aspects_ros.report.drops import contact_rows, contact_table
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import action_from
-from resting_aspects_ros.run_logs import contents
+from resting_aspects_ros.run_logs import LoggedRun, messages_by_topic, rest_of_run
 from resting_aspects_ros.simulation.actions import NamedAction
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.statistics.distribution import METHOD, Distribution
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Read a log and show its contents. Raises LogError."""
-    found = contents.LoggedRun(arguments.log)
+    found = LoggedRun(arguments.log)
     described, action = found.run, None
     if described is None and (matrix := found.transitions) is not None:
         described, action = run_from(matrix.run), action_from(matrix.action)
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> None:
     show_result(arguments, document, show)
 
 
-def _counted(found: contents.LoggedRun) -> tuple[Distribution, bool] | None:
+def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:
     """Return the distribution in a log, or of its drops if it has none, and if it is complete."""
     if found.last_distribution is not None:
         distribution, _, complete = found.last_distribution
@@ -97,7 +97,7 @@ def _counted(found: contents.LoggedRun) -> tuple[Distribution, bool] | None:
 
 
 def _lines(
-    found: contents.LoggedRun, run: RunDescription | None, action: NamedAction | None
+    found: LoggedRun, run: RunDescription | None, action: NamedAction | None
 ) -> Iterator[tuple[str, str]]:
     """Yield label and text of each fact."""
     size = sum(file.stat().st_size for file in log_files(found.log))
@@ -105,7 +105,7 @@ def _lines(
     yield '', f'{_state(found)}, {found.messages} messages'
     if run is None:
         yield 'drops', 'none'
-        for topic, number in contents.messages_by_topic(found.log).items():
+        for topic, number in messages_by_topic(found.log).items():
             yield '', f'{topic}: {number} messages'
         return
     part = found.part
@@ -127,7 +127,7 @@ def _lines(
     yield 'run id', run.run_id
 
 
-def _state(found: contents.LoggedRun) -> str:
+def _state(found: LoggedRun) -> str:
     if found.being_written:
         return 'being written'
     if not found.finished:
@@ -135,17 +135,17 @@ def _state(found: contents.LoggedRun) -> str:
     return 'closed'
 
 
-def _drops(run: RunDescription, found: contents.LoggedRun) -> str:
+def _drops(run: RunDescription, found: LoggedRun) -> str:
     words = f'{found.outcome.drops} of {run.drops}'
     if run.first_drop:
         words += f', from drop {run.first_drop} on'
     if run.precision:
         words += f', to a precision of {run.precision:g}'
-    return words + (contents.rest_of_run(run, found.outcome) if found.finished else '')
+    return words + (rest_of_run(run, found.outcome) if found.finished else '')
 
 
 def _fields(
-    found: contents.LoggedRun, run: RunDescription | None, action: NamedAction | None
+    found: LoggedRun, run: RunDescription | None, action: NamedAction | None
 ) -> dict[str, object]:
     """Return the run and the state of a log as fields of a document."""
     drops = found.outcome.drops
@@ -159,7 +159,7 @@ def _fields(
     }
     fields: dict[str, object] = {}
     if run is None:
-        fields['topics'] = contents.messages_by_topic(found.log)
+        fields['topics'] = messages_by_topic(found.log)
     else:
         fields = run.document()
     if found.part is not None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from resting_aspects_ros.errors import LogError, NoLogError, RestingAspectsError
 from resting_aspects_ros.logs.bag import OUTCOME
-from resting_aspects_ros.logs.recovery import recover_log
-from resting_aspects_ros.run_logs.contents import LoggedRun, rest_of_run
+from resting_aspects_ros.logs.writer import recover_log
+from resting_aspects_ros.run_logs import LoggedRun, rest_of_run
 
 DESCRIPTION = """Rebuild index, summary and metadata.yaml of logs whose recorder was killed.
 Every complete message in the file is kept, and a classifier that starts later

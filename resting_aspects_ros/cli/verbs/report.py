@@ -69,6 +69,6 @@ def _read_result(arguments: argparse.Namespace) -> DropResult:
     names = 'part', 'unit', 'body', 'parts'
     options.refuse(arguments, names, 'with a JSON document; a log contains its part')
     # This imports ROS, which a JSON document does not need.
-    from resting_aspects_ros.run_logs.contents import logged_result
+    from resting_aspects_ros.run_logs import logged_result
 
     return logged_result(path)

@@ -78,8 +78,7 @@ from resting_aspects_ros.ros.interface import (
     offered_qos,
 )
 from resting_aspects_ros.ros.program import Parameter, declare, run_node
-from resting_aspects_ros.run_logs.contents import counted_distribution
-from resting_aspects_ros.run_logs.recorder import RunRecorder, whole_log
+from resting_aspects_ros.run_logs import RunRecorder, counted_distribution, whole_log
 from resting_aspects_ros.simulation.job import RunDescription
 
 PARAMETERS = (
