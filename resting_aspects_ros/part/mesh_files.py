@@ -26,6 +26,14 @@ MIN_DIGITS = 6
 # values, as are integers with at most this many different values.
 DESIGN_STEPS = 10
 DESIGN_VALUES = 8
+# Coordinates with a point are design values, too, if they have few different values for their
+# number of corners, or if their last digits are only 0 and 5.
+DESIGN_SHARE = 0.75
+# Rounded coordinates of similar size end at the same decimal: nine of ten without zeros at the
+# end, and fewer if all have the same number of digits.
+ROUNDED_SHARE = 0.6
+# More steps along a part do not change its aspects.
+FINE_STEPS = 5_000
 
 
 def coordinate_steps(vertices: Array, words: Words) -> Array:
@@ -40,12 +48,17 @@ def coordinate_steps(vertices: Array, words: Words) -> Array:
     """
     rows = words[:: max(len(words) // MAX_ROWS, 1)]
     columns = zip(*rows, strict=True) if words else ((),) * 3
-    return np.array([_step(x, column) for x, column in zip(vertices.T, columns, strict=True)])
+    few = min(DESIGN_SHARE * len(set(map(tuple, rows))), DESIGN_VALUES)
+    return np.array([_step(x, column, few) for x, column in zip(vertices.T, columns, strict=True)])
 
 
-def _step(values: Array, column: Iterable[bytes]) -> float:
+def _step(values: Array, column: Iterable[bytes], few: float) -> float:
     largest = float(np.abs(values).max())
-    written = _written_step({word.lower() for word in column}, largest)
+    words = {word.lower() for word in column}
+    written = _written_step(words, largest)
+    rounded = _rounded_step(words, largest) if len(words) > few else 0.0
+    if rounded * FINE_STEPS > np.ptp(values):
+        written = max(written, rounded)
     exact = float(np.spacing(largest))
     step = max(exact, written)
     with np.errstate(over='ignore', invalid='ignore'):
@@ -73,6 +86,20 @@ def _written_step(words: Iterable[bytes], largest: float) -> float:
         return 0.0
     last = min(_last_digit(word) for word in large)
     return float(10.0 ** min(last, decade - MIN_DIGITS + 1))
+
+
+def _rounded_step(words: Iterable[bytes], largest: float) -> float:
+    """Return the step of decimals to which most coordinates are rounded; 0 if there is none.
+
+    Integers are design values.
+    """
+    digits = {word.partition(b'e')[0][-1:] for word in words}
+    large = [word for word in words if 0.1 * largest <= abs(float(word)) > 0]
+    if digits <= {b'0', b'5'} or not any(set(word) & set(b'.e') for word in large):
+        return 0.0
+    exponents = [_last_digit(word) for word in large]
+    last = int(np.median(exponents))
+    return float(10.0**last) if exponents.count(last) >= ROUNDED_SHARE * len(large) else 0.0
 
 
 def _last_digit(word: bytes) -> int:

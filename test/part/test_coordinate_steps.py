@@ -122,6 +122,18 @@ def test_design_values_are_exact_with_few_digits(design, number):
         assert part.volume * 1e9 == pytest.approx(mesh.volume, rel=1e-9)
 
 
+@pytest.mark.parametrize('text', [obj, ascii_stl])
+@pytest.mark.parametrize('number', ['{:.1f}', '{!r}'])
+def test_one_decimal_is_coarse_for_a_tilted_part(number, text):
+    cylinder = trimesh.creation.cylinder(3.7, 9.3, sections=40)
+    data, mesh_format = text(placed(cylinder, 0), lambda x: number.format(round(float(x), 1)))
+    try:
+        notes = part_from_bytes(data, mesh_format, 'part', unit='mm').warnings
+    except PartError as error:
+        notes = [str(error)]
+    assert any(f'{COARSE} 0.1 mm' in note for note in notes)
+
+
 @pytest.mark.parametrize(
     ('distance', 'number'), [(1e6, lambda x: f'{x:.6g}'), (2e5, lambda x: f'{x:.5e}')]
 )
