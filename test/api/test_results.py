@@ -55,6 +55,8 @@ def test_what_cannot_be_compared_is_refused(dropped, workers):
     other = ra.drop('tetrahedron', drops=30, model_range=False, workers=workers)
     with pytest.raises(ra.InvalidValueError, match='different parts'):
         ra.compare(dropped[0], other)
+    with pytest.raises(ra.InvalidValueError, match='expected a result of drop, or a file'):
+        ra.compare(dropped[0].part, other)
     with pytest.warns(ra.RestingAspectsWarning, match='300 drops of A and B start from'):
         ra.compare(dropped[0], dropped[0])
 

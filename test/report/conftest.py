@@ -1,8 +1,7 @@
 """Reports of parts, without a drop: counts are given."""
 
-import dataclasses
 from itertools import combinations
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,30 +11,15 @@ from rich.console import Console
 from scipy.spatial import HalfspaceIntersection
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import ComparedResults
 from resting_aspects_ros.report.drop_page import drop_page
 from resting_aspects_ros.statistics.comparison import DropCounts, compare
 from resting_aspects_ros.statistics.distribution import Distribution
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Report:
-    """What a page of a distribution shows, and the page."""
-
-    distribution: Distribution
-    part: Part
-    more: dict[str, Any]
-
-    @property
-    def page(self):
-        subtitle = f'{self.distribution.drops} drops on a tray'
-        return drop_page(self.distribution, self.part, self.part.name, subtitle, **self.more)
-
-
 @pytest.fixture(scope='session')
 def make_report():
-    """Make the report of a part with a share of the drops in each aspect, and 3 % in none."""
+    """Make the page of a part with a share of the drops in each aspect, and 3 % in none."""
 
     def make(part, *, unseen=(), measured=False, **more):
         aspects = find_aspects(part)
@@ -46,17 +30,15 @@ def make_report():
         if measured:
             own = DropCounts(distribution.by_class().counts, 20, 10)
             other = DropCounts(own.counts // 2 + 3)
-            found = compare(own, other, np.random.default_rng(1))
             ids = tuple(range(1, len(own.counts) + 1))
-            names = tuple(map(str, ids))
-            labels = ('simulated', 'by hand')
-            more['measured'] = (
-                found,
-                ComparedResults(ids, names, own, other, 'class', labels=labels),
+            sides = ComparedResults(
+                ids, tuple(map(str, ids)), own, other, 'class', labels=('simulated', 'by hand')
             )
-        looks = np.array([10, 30, 100, 300, distribution.drops])
-        more.setdefault('history', (looks, np.outer(looks, counts) // distribution.drops))
-        return Report(distribution, part, more)
+            more['measured'] = compare(own, other, np.random.default_rng(1)), sides
+        looks = np.array([10, 30, 100, 300, 1000])
+        more.setdefault('history', (looks, np.outer(looks, counts) // 1000))
+        page = drop_page(distribution, part, part.name, '1000 drops on a tray', **more)
+        return SimpleNamespace(page=page, distribution=distribution, part=part)
 
     return make
 
