@@ -1,5 +1,6 @@
 """The pages of the results: of drops, of actions, and of retention curves."""
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -32,7 +33,6 @@ from resting_aspects_ros.report.format import (
     GREY,
     aspect_colour,
     aspects_text,
-    ids_text,
     rgb,
     size_text,
 )
@@ -70,7 +70,6 @@ from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     value_text,
 )
-from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
 from resting_aspects_ros.statistics.markov import wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
 
@@ -83,8 +82,6 @@ if TYPE_CHECKING:
 # -- Page on drops --------------------------------------------------------------------------------
 
 
-# Seed of the Monte Carlo p values, so that equal inputs give equal reports.
-SEED = 1
 # Side of a picture of a placement, pixels: twice its size on the page.
 PIXELS = 400
 
@@ -120,25 +117,17 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
     )
 
 
-def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, ComparedResults]:
+def _measured(result: 'DropResult', against: CountedDrops) -> ComparedResults:
     """Return the comparison by class with other counts."""
-    tally = counted_by_class(against, result.distribution.aspects).tally
-    own = result.distribution.by_class()
-    counted = DropCounts(
-        own.counts, own.unclassified, own.unsettled + own.lost + own.sliding, own.failed
-    )
-    found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
-    classes = result.distribution.aspects.classes()
-    sides = ComparedResults(
-        tuple(members[0].symmetry_class for members in classes),
-        tuple(map(ids_text, classes)),
-        counted,
-        tally,
-        'class',
-        ('simulated', printable(Path(against.source).name)),
-        (own.model, against.model),
-    )
-    return found, sides
+    # These modules import this one.
+    from resting_aspects_ros.api.compare import compared
+    from resting_aspects_ros.api.count_files import counted_drops
+
+    own = counted_by_class(counted_drops(result))
+    other = counted_by_class(against, result.distribution.aspects)
+    labels = 'simulated', printable(Path(against.source).name)
+    sides = compared(own, other, result.distribution.confidence).sides
+    return dataclasses.replace(sides, labels=labels)
 
 
 def _notes(result: 'DropResult') -> Iterator[str]:

@@ -31,10 +31,9 @@ def make_report():
             own = DropCounts(distribution.by_class().counts, 20, 10)
             other = DropCounts(own.counts // 2 + 3)
             ids = tuple(range(1, len(own.counts) + 1))
-            sides = ComparedResults(
-                ids, tuple(map(str, ids)), own, other, 'class', labels=('simulated', 'by hand')
-            )
-            more['measured'] = compare(own, other, np.random.default_rng(1)), sides
+            names, labels = tuple(map(str, ids)), ('simulated', 'by hand')
+            found = compare(own, other, np.random.default_rng(1))
+            more['measured'] = ComparedResults(ids, names, own, other, found, 'class', labels)
         looks = np.array([10, 30, 100, 300, 1000])
         more.setdefault('history', (looks, np.outer(looks, counts) // 1000))
         page = drop_page(distribution, part, part.name, '1000 drops on a tray', **more)

@@ -28,29 +28,29 @@ OTHER = DropCounts(np.array([80, 40, 80]), 0, 50, 0)
 
 
 def compared(a, b):
-    sides = ComparedResults((1, 3, 7), ('1', '3', '7'), a, b)
-    return compare(a, b, np.random.default_rng(1), 0.95), sides
+    found = compare(a, b, np.random.default_rng(1), 0.95)
+    return ComparedResults((1, 3, 7), ('1', '3', '7'), a, b, found)
 
 
 @given(st.data(), st.sampled_from([30, 1000, 10**6]))
 def test_shown_difference_is_that_of_the_shown_shares(data, most):
     row = st.lists(st.integers(0, most), min_size=3, max_size=3).filter(any).map(np.array)
     both = compared(DropCounts(data.draw(row)), DropCounts(data.draw(row)))
-    found = comparison_table(*both, 'title').rows
+    found = comparison_table(both, 'title').rows
     assert len(found) == 3
     for _, first, _, second, difference, _ in found:
         assert Decimal(first) - Decimal(second) == Decimal(difference)
 
 
 def test_document_is_not_rounded_and_ranges_are_shown_in_80_columns(lines):
-    comparison, sides = compared(ONE, OTHER)
     bounds = np.array([[0.123, 0.567], [0.0, 1.0], [0.004, 0.095]])
     models = (None, ModelRange(bounds, bounds, ('friction',)))
-    sides = dataclasses.replace(sides, models=models)
-    shown = '\n'.join(lines(comparison_table(comparison, sides, 'title')))
+    sides = dataclasses.replace(compared(ONE, OTHER), models=models)
+    comparison = sides.comparison
+    shown = '\n'.join(lines(comparison_table(sides, 'title')))
     for text in ('12 to 57', '0 to 100', '0.4 to 9.5'):
         assert shown.count(text) == 1
-    document = comparison_document(comparison, sides, {'a': {'file': 'x'}, 'b': {}})
+    document = comparison_document(sides, {'a': {'file': 'x'}, 'b': {}})
     assert json.loads(to_json(document)) == document
     rest = {'unclassified': 60, 'unsettled': 30, 'failed': 10}
     assert document['a'] == {'file': 'x', **rest, 'model_uncertain': None}

@@ -114,7 +114,9 @@ def test_numbers_match_the_distribution(page, bracket):
     ):
         said = words(row)
         bounds = map(float, re.search(r'([\d.]+) to ([\d.]+) %', said).groups())
-        assert list(bounds) == pytest.approx([100 * interval.lower, 100 * interval.upper], abs=0.06)
+        assert list(bounds) == pytest.approx(
+            [100 * interval.lower, 100 * interval.upper], abs=0.06
+        )
         share = float(re.search(r'([\d.]+) %', said)[1]) if count else 0.0
         assert share == pytest.approx(count / 10, abs=0.06) or 'never seen' in said
         height = float(re.search(r'centre of mass ?([\d.]+) mm', said)[1])

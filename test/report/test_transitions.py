@@ -53,7 +53,15 @@ def test_probabilities_and_their_intervals_are_in_the_cells(bracket, lines):
     table = transition_table(matrix, False, '')
     lines(table)  # fits 80 columns
     first, second, *_ = table.rows
-    assert [cell.split('\n')[0] for cell in first] == ['1', '60.0', '20.0', '10.0', '10.0', '0', '1000']
+    assert [cell.split('\n')[0] for cell in first] == [
+        '1',
+        '60.0',
+        '20.0',
+        '10.0',
+        '10.0',
+        '0',
+        '1000',
+    ]
     assert second == ['2', *['-'] * 5, '0']
     ends = zip(*(each[0, :5].tolist() for each in matrix.bounds()), strict=True)
     for cell, (low, high) in zip(first[1:-1], ends, strict=True):
