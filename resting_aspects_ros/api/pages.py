@@ -133,8 +133,7 @@ def _measured(result: 'DropResult', against: CountedDrops) -> ComparedResults:
 def _notes(result: 'DropResult') -> Iterator[str]:
     run, drops = result.run, result.distribution.drops
     if not result.complete:
-        goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
-        yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
+        yield _incomplete(drops, run, 'drops')
     yield from outcome_hints(result.distribution, run.conditions)
     if result.convergence is not None:
         yield result.convergence.text().replace('\n', ' ')
@@ -342,19 +341,18 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
     each = f'{low}' if low == high else f'{low} to {high}'
     yield f'{action.text}: {matrix.actions.sum()} actions, {each} from each aspect.'
     if not result.complete:
-        yield Text(_incomplete(int(matrix.actions.sum()), result.run.drops, 'actions'), 'note')
+        yield Text(_incomplete(int(matrix.actions.sum()), result.run, 'actions'), 'note')
     if not action.action.has_effect:
         yield Text('The action has no effect: every part stays where it is.', 'note')
     if action.source:
         yield f'Source of these values: {action.source}'
     yield Text('Transitions', 'part')
-    draw = partial(transition_figure, matrix, result.part)
     yield Chart(
         HEAT_MAP + suffix,
         f'Heat map of the transition probabilities of {action.name}',
-        partial(draw, ''),
+        partial(transition_figure, matrix, result.part, ''),
         transition_note(matrix),
-        partial(draw, result.title),
+        result.figure,
     )
     yield transition_table(matrix, by_class=True)
     if result.convergence is not None:
@@ -421,16 +419,14 @@ def retention_page(result: 'RetentionResult') -> Page:
     run, part, curves = result.run, result.part, result.curves
     done = sum(int(curve.parts.sum()) for curve in curves)
     each = max(int(curve.parts.max(initial=0)) for curve in curves)
-    notes = [] if result.complete else [_incomplete(done, run.drops, 'disturbances')]
-    subtitle = f'disturbed on {conditions_text(run.conditions)}, seed {run.seed}'
-    draw = partial(retention_figure, curves, result.aspects, part)
+    notes = [] if result.complete else [_incomplete(done, run, 'disturbances')]
     items: list[Item] = [
         Chart(
             RETENTION,
             'Line chart of the probability to leave each aspect against the lift height',
-            partial(draw, ''),
+            partial(retention_figure, curves, result.aspects, part, ''),
             retention_note(curves, result.aspects),
-            partial(draw, f'{run.part}, {subtitle}'),
+            result.figure,
         ),
         retention_table(curves, '', run.conditions.gravity),
         (
@@ -443,7 +439,7 @@ def retention_page(result: 'RetentionResult') -> Page:
         title=run.part,
         topic='retention',
         lead='How firmly the part rests in each aspect',
-        subtitle=subtitle,
+        subtitle=result.subtitle,
         sections=[Section('Retention', 'retention', items)],
         reading=reading('retention'),
         facts={
@@ -459,8 +455,9 @@ def retention_page(result: 'RetentionResult') -> Page:
     )
 
 
-def _incomplete(done: int, requested: int, what: str) -> str:
-    return f'The run is not complete: it has {done} of {requested} {what}.'
+def _incomplete(done: int, run: RunDescription, what: str) -> str:
+    goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops}'
+    return f'The run is not complete: it has {done} {what}, and {goal} was requested.'
 
 
 def _action_run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:

@@ -11,14 +11,13 @@ from resting_aspects_ros.aspects.clusters import Agreement, Clusters, Difference
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields
 from resting_aspects_ros.report.drops import shares
 from resting_aspects_ros.report.format import (
+    bounds_text,
     decimals_of,
     direction_text,
     interval_of,
-    interval_text,
     outside_aspects,
     percent_text,
     points,
-    probability_text,
     shown_difference,
 )
 from resting_aspects_ros.report.table import DOWN, NOTHING, Table
@@ -102,11 +101,11 @@ def comparison_table(sides: ComparedResults, title: str) -> Table:
     for k, ((a, b, *ranges), (difference, bounds, decimals)) in enumerate(
         zip(rows, _difference_texts(sides), strict=True)
     ):
-        below, below_other = (f'\n{_bare(model)}' if model else '' for model in ranges)
+        below, below_other = (f'\n{bounds_text(model)}' if model else '' for model in ranges)
         table.add_row(
             sides.names[k],
             percent_text(a.probability, decimals),
-            f'{_bare(a)}{below}',
+            f'{bounds_text(a)}{below}',
             f'{percent_text(b.probability, decimals)}{below_other}',
             difference,
             bounds,
@@ -119,13 +118,9 @@ def comparison_table(sides: ComparedResults, title: str) -> Table:
                 intervals([count], tally.drops, confidence=confidence)[0]
                 for count, tally in zip(counts, sides.tallies, strict=True)
             )
-            share, other = (probability_text(each).removesuffix(' %') for each in (a, b))
-            table.add_row(name, share, _bare(a), other)
+            share, other = (percent_text(each.probability, decimals_of(each)) for each in (a, b))
+            table.add_row(name, share, bounds_text(a), other)
     return table
-
-
-def _bare(interval: Interval) -> str:
-    return interval_text(interval).removesuffix(' %')
 
 
 def _difference_texts(sides: ComparedResults) -> Iterator[tuple[str, str, int]]:

@@ -155,16 +155,11 @@ def test_few_drops_give_a_warning(tmp_path):
     assert result.test.ends.tolist() == [0, 100, 200, 300]
 
 
-@pytest.mark.parametrize(
-    ('counts', 'options', 'message'),
-    [
-        ([GOOD], {'window': 0}, 'invalid window 0: expected an integer'),
-        (counts_from_array([[1, 2, 3]], CLASSES), {}, r'invalid classes \[1, 2, 3, 4, 5\] in '),
-    ],
-)
-def test_wrong_arguments_are_named(expected, counts, options, message):
-    with pytest.raises(InvalidValueError, match=message):
-        watch_drift(expected, counts, **options)
+def test_wrong_arguments_are_named(expected):
+    with pytest.raises(InvalidValueError, match='invalid window 0: expected an integer'):
+        watch_drift(expected, [GOOD], window=0)
+    with pytest.raises(InvalidValueError, match=r'invalid classes \[1, 2, 3, 4, 5\] in '):
+        watch_drift(expected, counts_from_array([[1, 2, 3]], CLASSES))
 
 
 @pytest.fixture

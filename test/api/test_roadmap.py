@@ -2,11 +2,9 @@
 
 import json
 import math
-import re
 
 import numpy as np
 import pytest
-from doc_pages import first_cells, section
 
 from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.aspects.estimate import RestingShape, estimate
@@ -87,21 +85,3 @@ def test_the_document_has_every_pair_that_was_seen(document):
     assert (capture['probability'], capture['trials']) == (0.15, 100)
     assert 0 < capture['lower'] < 0.15 < capture['upper'] < 1
     assert document['actions'][0]['values'] == {'kind': 'kick', 'speed': 0.3}
-
-
-def leaves(value, name=''):
-    """Yield the names of all fields of a document that contain no others."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from leaves(inner, f'{name}.{key}'.lstrip('.'))
-    elif isinstance(value, list) and isinstance(value[0], dict):
-        yield from leaves(value[0], f'{name}[]')
-    else:
-        yield name
-
-
-def test_every_field_is_documented(document):
-    cells = first_cells(section('docs/reference/files.md', '## Pose roadmap'))
-    named = [name for cell in cells for name in re.findall(r'`([^`]+)`', cell)]
-    found = list(dict.fromkeys(re.sub(r'(values)\..*', r'\1', name) for name in leaves(document)))
-    assert named == found

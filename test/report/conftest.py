@@ -5,10 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import trimesh
 from matplotlib.text import Text
 from rich.console import Console
-from scipy.spatial import HalfspaceIntersection
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.comparison import ComparedResults
@@ -43,16 +41,9 @@ def make_report():
 
 
 @pytest.fixture(scope='session')
-def many_sided(solid):
-    """A body with 40 flat sides around its middle, no two alike: it rests on most of them."""
-    k = np.arange(40) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * k / 40), np.pi * (1 + 5**0.5) * k
-    normals = np.stack(
-        [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1
-    )
-    far = 10 * (1 + 0.02 * np.random.default_rng(2).random(40))
-    sides = HalfspaceIntersection(np.column_stack([normals, -far]), np.zeros(3))
-    return solid(trimesh.convex.convex_hull(sides.intersections))
+def many_sided(solid, solids):
+    """A body with more aspects than a figure has bars, no two alike."""
+    return solid(solids.random_sphere(90))
 
 
 @pytest.fixture(scope='session')

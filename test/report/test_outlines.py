@@ -12,6 +12,7 @@ from shapely import Polygon, intersects_xy
 from resting_aspects_ros.api.outlines import outlines
 from resting_aspects_ros.report.outlines import (
     coco_document,
+    confused_class_texts,
     described_image,
     dxf_drawing,
     outline_image,
@@ -127,6 +128,12 @@ def test_covered_share_of_a_box_is_exact():
     expected[1, 1:3] = 0.75, 1
     expected[2, 1:3] = 0.375, 0.5
     np.testing.assert_allclose(share, expected, atol=1e-12)
+
+
+def test_what_distinguishes_classes_is_said(part):
+    found = outlines(part('u_bracket'))
+    first, *_ = confused_class_texts(found.outlines, found.look_alikes)
+    assert first.startswith('Classes 1 and 4 have the same outline.')
 
 
 @pytest.mark.parametrize('count', [0, 5, 6, 40])

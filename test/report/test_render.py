@@ -1,12 +1,10 @@
 """Pictures of a part: what the renderer sees, coarse meshes, and poses on the tray."""
 
 import dataclasses
-from itertools import pairwise
 
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.aspects.find import find_aspects
@@ -168,18 +166,13 @@ def test_each_pose_touches_the_surface_in_its_aspect(part, name):
         assert centre[2] == pytest.approx(aspect.com_height, abs=slack * part.hull_radius)
 
 
-@pytest.mark.parametrize('count', [1, ROW + 1, 50])
-def test_poses_form_a_centred_grid_in_order(part, count):
+def test_poses_form_a_centred_grid_in_order(part):
     part = part('tetrahedron')
     first = find_aspects(part).aspects[0]
-    aspects = [dataclasses.replace(first, id=k) for k in range(1, count + 1)]
+    aspects = [dataclasses.replace(first, id=k) for k in range(1, ROW + 3)]
     places = np.array([each.centre_of_mass[:2] for each in aspect_poses(part, aspects)])
-    places /= PITCH * part.hull_radius
-    assert (pdist(places) > 1 - 1e-9).all()
-    np.testing.assert_allclose(places.min(axis=0) + places.max(axis=0), 0, atol=1e-9)
-    for k, (place, following) in enumerate(pairwise(places), start=1):
-        step = (places[0, 0] - place[0], -1) if k % ROW == 0 else (1, 0)
-        np.testing.assert_allclose(following - place, step, atol=1e-9)
+    expected = [(k % ROW - (ROW - 1) / 2, 0.5 - k // ROW) for k in range(ROW + 2)]
+    np.testing.assert_allclose(places / (PITCH * part.hull_radius), expected, atol=1e-9)
 
 
 def test_simplified_mesh_still_touches_the_surface(solid, monkeypatch):

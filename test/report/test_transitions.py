@@ -123,10 +123,7 @@ def test_retention_has_the_barrier_and_the_levels():
     curves = [curve_of([0, 20, 40, 80]), curve_of([0, 0, 0, 0], np.inf)]
     first, never = retention_table(curves, 't', 9.81).rows
     assert first[:3] == ['3', '1.50', '0.172']  # sqrt(2 g h)
-    fields = retention_fields(curves[0])
-    for cell, level in zip(first[3:5], fields['levels'], strict=False):
-        assert float(cell.split()[0]) == pytest.approx(1000 * level['lift'], rel=0.005)
-    assert first[5].startswith('not reached\nup to 8 mm')
+    assert [cell.split('\n')[0] for cell in first[3:]] == ['1.20', '4.00', 'not reached']
     assert never[1:3] == ['-', '-']
 
 
