@@ -377,10 +377,6 @@ def reorient(
     **conditions : float
         Conditions that differ from the surface, in SI units, such as ``friction=0.3``.
 
-    Returns
-    -------
-    ReorientResult
-
     Raises
     ------
     InvalidValueError

@@ -57,6 +57,14 @@ class ComparedResults:
         return self.a, self.b
 
     @property
+    def tally_texts(self) -> list[str]:
+        """Label and counts of each side, as 'A 93 of 100'."""
+        return [
+            f'{label} {tally.counts.sum()} of {tally.drops}'
+            for label, tally in zip(self.labels, self.tallies, strict=True)
+        ]
+
+    @property
     def shares(self) -> list[list[Interval]]:
         """For each side, the share of each aspect in the drops that are in an aspect."""
         confidence = self.comparison.confidence
@@ -155,10 +163,7 @@ def measures(sides: ComparedResults) -> dict[str, str]:
         'largest deviation': f'{largest} points in {sides.what} {sides.names[k]}',
         'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
         'p value': f'{p_text(comparison.p_value).removeprefix("p = ")} by {by}',
-        'drops in aspects': ', '.join(
-            f'{label} {tally.counts.sum()} of {tally.drops}'
-            for label, tally in zip(sides.labels, sides.tallies, strict=True)
-        ),
+        'drops in aspects': ', '.join(sides.tally_texts),
     }
     if any(getattr(tally, name) for tally in sides.tallies for name in REST):
         ranged = ' and model ranges' if any(sides.models) else ''

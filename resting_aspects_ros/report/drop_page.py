@@ -17,7 +17,6 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import (
     ComparedResults,
     comparison_table,
-    difference_texts,
     measures,
     verdict,
 )
@@ -280,11 +279,7 @@ def comparison_items(rows: Sequence[Row], sides: ComparedResults) -> Iterator[It
     first, second = sides.labels
     if sides.what == 'class':
         rows = [replace(row, name=f'class {sides.names[k]}') for k, row in enumerate(rows)]
-    labelled = [
-        (f'{label}, {tally.counts.sum()} of {tally.drops} drops in an aspect', shares)
-        for label, tally, shares in zip(sides.labels, sides.tallies, sides.shares, strict=True)
-    ]
-    draw = partial(comparison_figure, rows, labelled, difference_texts(sides), sides.ranges)
+    draw = partial(comparison_figure, rows, sides)
     thin = ' Thin bars are model ranges.' if any(sides.models) else ''
     yield _chart(
         'comparison',
