@@ -145,11 +145,6 @@ def compare(
         if not given.complete:
             warn(f'{given.source!r} is not complete: it has {given.drops} drops')
     _warn_if_dependent(one, other)
-    return compared(one, other, confidence)
-
-
-def compared(one: CountedDrops, other: CountedDrops, confidence: float) -> ComparisonResult:
-    """Return the comparison of counts over the same groups; equal counts give equal p values."""
     generator = np.random.default_rng(SEED)
     found = statistics.compare(one.tally, other.tally, generator, confidence)
     return ComparisonResult(one, other, found)

@@ -1,6 +1,5 @@
 """The pages of the results: of drops, of actions, and of retention curves."""
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -18,7 +17,7 @@ from resting_aspects_ros.api.conditions import (
     simulated_pieces,
     when_text,
 )
-from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
+from resting_aspects_ros.api.counts import CountedDrops, counted_by_class, counts_of_run
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each
@@ -70,6 +69,7 @@ from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     value_text,
 )
+from resting_aspects_ros.statistics.comparison import compare
 from resting_aspects_ros.statistics.markov import wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
 
@@ -82,6 +82,8 @@ if TYPE_CHECKING:
 # -- Page on drops --------------------------------------------------------------------------------
 
 
+# Seed of the Monte Carlo p values, so that equal inputs give equal reports.
+SEED = 1
 # Side of a picture of a placement, pixels: twice its size on the page.
 PIXELS = 400
 
@@ -119,15 +121,13 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
 
 def _measured(result: 'DropResult', against: CountedDrops) -> ComparedResults:
     """Return the comparison by class with other counts."""
-    # These modules import this one.
-    from resting_aspects_ros.api.compare import compared
-    from resting_aspects_ros.api.count_files import counted_drops
-
-    own = counted_by_class(counted_drops(result))
-    other = counted_by_class(against, result.distribution.aspects)
+    distribution = result.distribution
+    own = counted_by_class(counts_of_run('', distribution, result.run, complete=True))
+    other = counted_by_class(against, distribution.aspects)
+    found = compare(own.tally, other.tally, np.random.default_rng(SEED), distribution.confidence)
     labels = 'simulated', printable(Path(against.source).name)
-    sides = compared(own, other, result.distribution.confidence).sides
-    return dataclasses.replace(sides, labels=labels)
+    tallies, models = (own.tally, other.tally), (own.model, other.model)
+    return ComparedResults(own.ids, own.names, *tallies, found, 'class', labels, models)
 
 
 def _notes(result: 'DropResult') -> Iterator[str]:

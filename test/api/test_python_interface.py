@@ -84,6 +84,8 @@ def test_a_wrong_value_is_named(arguments, words):
 def test_a_wrong_argument_of_load_part_is_named():
     with pytest.raises(ra.InvalidValueError, match="invalid unit 'mm': expected only with a mesh"):
         ra.load_part('l_bracket', unit='mm')
+    with pytest.raises(ra.InvalidValueError, match="invalid folder of parts 'none'"):
+        ra.load_part('l_bracket', folder='none')
 
 
 @pytest.mark.slow
