@@ -32,6 +32,7 @@ from resting_aspects_ros.report.format import (
     GREY,
     aspect_colour,
     aspects_text,
+    ids_text,
     rgb,
     size_text,
 )
@@ -120,14 +121,15 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
 
 
 def _measured(result: 'DropResult', against: CountedDrops) -> ComparedResults:
-    """Return the comparison by class with other counts."""
+    """Return the comparison with other counts, by the rows of the page."""
     distribution = result.distribution
     own = counted_by_class(counts_of_run('', distribution, result.run, complete=True))
     other = counted_by_class(against, distribution.aspects)
     found = compare(own.tally, other.tally, np.random.default_rng(SEED), distribution.confidence)
     labels = 'simulated', printable(Path(against.source).name)
+    names = tuple(map(ids_text, distribution.aspects.classes()))
     tallies, models = (own.tally, other.tally), (own.model, other.model)
-    return ComparedResults(own.ids, own.names, *tallies, found, 'class', labels, models)
+    return ComparedResults(own.ids, names, *tallies, found, 'aspect', labels, models)
 
 
 def _notes(result: 'DropResult') -> Iterator[str]:
@@ -456,8 +458,8 @@ def retention_page(result: 'RetentionResult') -> Page:
 
 
 def _incomplete(done: int, run: RunDescription, what: str) -> str:
-    goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops}'
-    return f'The run is not complete: it has {done} {what}, and {goal} was requested.'
+    goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} {what}'
+    return f'The run is not complete: it has {done} {what}; requested: {goal}.'
 
 
 def _action_run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:
