@@ -116,8 +116,8 @@ def comparison_figure(
     figure.text(*at, legend, size=8, color=FAINT, parse_math=False)
     places, tall = np.arange(len(rows), dtype=np.float64), 0.25 / _pitch(width)
     both, ranges, differences = sides.shares, sides.ranges, difference_texts(sides)
-    known = [each for side in (*both, *ranges) for each in side if each is not None]
-    top = max(each.upper for each in known)
+    drawn: list[Sequence[Interval | None]] = [*both, *ranges]
+    top = max(each.upper for side in drawn for each in side if each is not None)
     for side, models, shift, alpha in zip(
         both, ranges, (-tall / 2, tall / 2), (1.0, 0.45), strict=True
     ):
@@ -139,7 +139,7 @@ def comparison_figure(
             if model is not None:
                 draw_range(axes, model, row.colour, y, 0.12 * tall)
     ends = [
-        max(each.upper for each in of_row if each) for of_row in zip(*both, *ranges, strict=True)
+        max(each.upper for each in row if each is not None) for row in zip(*drawn, strict=True)
     ]
     text_width = _write_differences(axes, rows, differences, ends, narrow=width <= NARROW)
     # The axis leaves room for the text beside the longest bar.
