@@ -70,7 +70,8 @@ class ComparisonResult(Result):
         a, b = self.a, self.b
         what: Literal['aspect', 'class'] = 'class' if a.by_class else 'aspect'
         models = a.model, b.model
-        return ComparedResults(a.ids, a.names, a.tally, b.tally, what, models=models)
+        tallies = a.tally, b.tally
+        return ComparedResults(a.ids, a.names, *tallies, self.comparison, what, models=models)
 
     @property
     def range_texts(self) -> list[str]:
@@ -83,12 +84,12 @@ class ComparisonResult(Result):
     @property
     def verdict(self) -> str:
         """Return a sentence that states whether chance explains the difference."""
-        return verdict(self.comparison, self.sides)
+        return verdict(self.sides)
 
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects compare --json` prints."""
         said = {'a': _fields(self.a), 'b': _fields(self.b)}
-        return comparison_document(self.comparison, self.sides, said)
+        return comparison_document(self.sides, said)
 
 
 def compare(

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import conditions_text
 from resting_aspects_ros.aspects.aspect_set import AspectSet
@@ -64,8 +63,6 @@ class CountedDrops:
     groups
         The k groups of ``tally``, ascending: each has the id of an aspect, or with ``by_class``
         the numbers of the symmetry classes that were counted together.
-    down : (k, 3) float
-        Unit vectors of gravity, part frame; NaN where the part rolls.
     complete
         False if more drops were requested than are counted.
     classes
@@ -80,7 +77,6 @@ class CountedDrops:
     groups: Groups
     tally: DropCounts
     by_class: bool = False
-    down: npt.NDArray[np.float64] | None = None
     run: RunDescription | None = None
     complete: bool = True
     classes: tuple[int, ...] | None = None
@@ -132,8 +128,8 @@ class CountedDrops:
         counts = np.zeros(len(into), dtype=np.int64)
         np.add.at(counts, group_places(self.groups, into), self.tally.counts)
         tally = dataclasses.replace(self.tally, counts=counts)
-        # The aspects of several classes have no common direction, and no range is known of them.
-        return dataclasses.replace(self, groups=into, tally=tally, down=None, model=None)
+        # No model range is known of several classes together.
+        return dataclasses.replace(self, groups=into, tally=tally, model=None)
 
 
 def counts_of_run(
@@ -150,7 +146,6 @@ def counts_of_run(
             distribution.unsettled + distribution.lost + distribution.sliding,
             distribution.failed,
         ),
-        down=np.array([np.full(3, np.nan) if a.rolls else a.down_in_part for a in aspects]),
         run=run,
         complete=complete,
         classes=tuple(aspect.symmetry_class for aspect in aspects),
@@ -159,7 +154,7 @@ def counts_of_run(
 
 
 def counted_by_class(given: CountedDrops, aspects: AspectSet | None = None) -> CountedDrops:
-    """Return the same drops counted by symmetry class, with the direction of its first aspect.
+    """Return the same drops counted by symmetry class.
 
     The classes are those of ``aspects``, if these are given. Raises InvalidValueError if they are
     not known.
@@ -174,14 +169,13 @@ def counted_by_class(given: CountedDrops, aspects: AspectSet | None = None) -> C
             f'{given.source!r} counts by aspect and has no symmetry classes: expected a log, a '
             'JSON document, or a CSV with the column class'
         )
-    numbers, first, which = np.unique(classes, return_index=True, return_inverse=True)
+    numbers, which = np.unique(classes, return_inverse=True)
     of_class = np.bincount(which, weights=given.tally.counts).astype(np.int64)
     return dataclasses.replace(
         given,
         groups=single_groups(numbers.tolist()),
         tally=dataclasses.replace(given.tally, counts=of_class),
         by_class=True,
-        down=None if given.down is None else given.down[first],
         classes=None,
         model=given.model and given.model.of_classes(),
     )

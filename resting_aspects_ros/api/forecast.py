@@ -239,7 +239,7 @@ def forecast(
         raise StoppedError('interrupted; there is no forecast')
     return forecast_from(
         result,
-        result.matrix.aspects.chosen(pickable, pickable_classes, 'pickable'),
+        ids,
         cell,
         times,
         parts_on_tray=parts_on_tray,

@@ -53,10 +53,6 @@ def known_part(part: Part | str | Path, shares: Shares | None = None) -> KnownPa
         ``result.long_run.shares`` of `reorient`. By default the part is dropped 1000 times on
         rubber_mat.
 
-    Returns
-    -------
-    KnownPart
-
     Raises
     ------
     InvalidValueError

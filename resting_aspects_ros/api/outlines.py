@@ -141,10 +141,6 @@ def outlines(part: Part | str | Path) -> OutlinesResult:
     part : Part, str or Path
         A part, or what `load_part` accepts.
 
-    Returns
-    -------
-    OutlinesResult
-
     Examples
     --------
     >>> import resting_aspects_ros as ra

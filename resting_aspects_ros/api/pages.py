@@ -17,7 +17,7 @@ from resting_aspects_ros.api.conditions import (
     simulated_pieces,
     when_text,
 )
-from resting_aspects_ros.api.counts import CountedDrops, counted_by_class
+from resting_aspects_ros.api.counts import CountedDrops, counted_by_class, counts_of_run
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.aspects.estimate import METHODS, RestingShape, estimate_each
@@ -70,7 +70,7 @@ from resting_aspects_ros.simulation.surroundings import (
     Surroundings,
     value_text,
 )
-from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
+from resting_aspects_ros.statistics.comparison import compare
 from resting_aspects_ros.statistics.markov import wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
 
@@ -120,32 +120,22 @@ def result_page(result: 'DropResult', against: CountedDrops | None = None) -> Pa
     )
 
 
-def _measured(result: 'DropResult', against: CountedDrops) -> tuple[Comparison, ComparedResults]:
-    """Return the comparison by class with other counts."""
-    tally = counted_by_class(against, result.distribution.aspects).tally
-    own = result.distribution.by_class()
-    counted = DropCounts(
-        own.counts, own.unclassified, own.unsettled + own.lost + own.sliding, own.failed
-    )
-    found = compare(counted, tally, np.random.default_rng(SEED), own.confidence)
-    classes = result.distribution.aspects.classes()
-    sides = ComparedResults(
-        tuple(members[0].symmetry_class for members in classes),
-        tuple(map(ids_text, classes)),
-        counted,
-        tally,
-        'class',
-        ('simulated', printable(Path(against.source).name)),
-        (own.model, against.model),
-    )
-    return found, sides
+def _measured(result: 'DropResult', against: CountedDrops) -> ComparedResults:
+    """Return the comparison with other counts, by the rows of the page."""
+    distribution = result.distribution
+    own = counted_by_class(counts_of_run('', distribution, result.run, complete=True))
+    other = counted_by_class(against, distribution.aspects)
+    found = compare(own.tally, other.tally, np.random.default_rng(SEED), distribution.confidence)
+    labels = 'simulated', printable(Path(against.source).name)
+    names = tuple(map(ids_text, distribution.aspects.classes()))
+    tallies, models = (own.tally, other.tally), (own.model, other.model)
+    return ComparedResults(own.ids, names, *tallies, found, 'aspect', labels, models)
 
 
 def _notes(result: 'DropResult') -> Iterator[str]:
     run, drops = result.run, result.distribution.drops
     if not result.complete:
-        goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} drops'
-        yield f'The run is not complete: it has {drops} drops, and {goal} was requested.'
+        yield _incomplete(drops, run, 'drops')
     yield from outcome_hints(result.distribution, run.conditions)
     if result.convergence is not None:
         yield result.convergence.text().replace('\n', ' ')
@@ -353,19 +343,18 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
     each = f'{low}' if low == high else f'{low} to {high}'
     yield f'{action.text}: {matrix.actions.sum()} actions, {each} from each aspect.'
     if not result.complete:
-        yield Text(_incomplete(int(matrix.actions.sum()), result.run.drops, 'actions'), 'note')
+        yield Text(_incomplete(int(matrix.actions.sum()), result.run, 'actions'), 'note')
     if not action.action.has_effect:
         yield Text('The action has no effect: every part stays where it is.', 'note')
     if action.source:
         yield f'Source of these values: {action.source}'
     yield Text('Transitions', 'part')
-    draw = partial(transition_figure, matrix, result.part)
     yield Chart(
         HEAT_MAP + suffix,
         f'Heat map of the transition probabilities of {action.name}',
-        partial(draw, ''),
+        partial(transition_figure, matrix, result.part, ''),
         transition_note(matrix),
-        partial(draw, result.title),
+        result.figure,
     )
     yield transition_table(matrix, by_class=True)
     if result.convergence is not None:
@@ -432,16 +421,14 @@ def retention_page(result: 'RetentionResult') -> Page:
     run, part, curves = result.run, result.part, result.curves
     done = sum(int(curve.parts.sum()) for curve in curves)
     each = max(int(curve.parts.max(initial=0)) for curve in curves)
-    notes = [] if result.complete else [_incomplete(done, run.drops, 'disturbances')]
-    subtitle = f'disturbed on {conditions_text(run.conditions)}, seed {run.seed}'
-    draw = partial(retention_figure, curves, result.aspects, part)
+    notes = [] if result.complete else [_incomplete(done, run, 'disturbances')]
     items: list[Item] = [
         Chart(
             RETENTION,
             'Line chart of the probability to leave each aspect against the lift height',
-            partial(draw, ''),
+            partial(retention_figure, curves, result.aspects, part, ''),
             retention_note(curves, result.aspects),
-            partial(draw, f'{run.part}, {subtitle}'),
+            result.figure,
         ),
         retention_table(curves, '', run.conditions.gravity),
         (
@@ -454,7 +441,7 @@ def retention_page(result: 'RetentionResult') -> Page:
         title=run.part,
         topic='retention',
         lead='How firmly the part rests in each aspect',
-        subtitle=subtitle,
+        subtitle=result.subtitle,
         sections=[Section('Retention', 'retention', items)],
         reading=reading('retention'),
         facts={
@@ -470,8 +457,9 @@ def retention_page(result: 'RetentionResult') -> Page:
     )
 
 
-def _incomplete(done: int, requested: int, what: str) -> str:
-    return f'The run is not complete: it has {done} of {requested} {what}.'
+def _incomplete(done: int, run: RunDescription, what: str) -> str:
+    goal = f'a precision of ±{run.precision:g}' if run.precision else f'{run.drops} {what}'
+    return f'The run is not complete: it has {done} {what}; requested: {goal}.'
 
 
 def _action_run_facts(result: 'ReorientResult') -> list[tuple[str, str]]:

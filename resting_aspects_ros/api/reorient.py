@@ -188,6 +188,7 @@ class ReorientResult(Result):
         run = self.run.document()
         actions, by_precision = run.pop('drops'), run.pop('precision')
         rows = zip(self.drop.aspects, self.drop.counts, self.drop.intervals(), strict=True)
+        matrix = matrix_fields(self.matrix)
         document: dict[str, object] = {
             'schema_version': SCHEMA_VERSION,
             **run,
@@ -208,7 +209,7 @@ class ReorientResult(Result):
                 'counts': plain(self.drop.counts),
                 **{name: getattr(self.drop, name) for name in OUTSIDE},
             },
-            **matrix_fields(self.matrix),
+            **matrix,
             'long_run': None,
         }
         if self.run.conditions.surroundings is not None:
@@ -220,7 +221,7 @@ class ReorientResult(Result):
                 document |= long_run_fields(self.long_run, *self.long_run_bounds, aspects)
                 lower, upper = view.long_run_bounds
                 document['classes'] = {
-                    **matrix_fields(self.matrix)['classes'],
+                    **matrix['classes'],
                     'long_run': plain(view.long_run.shares),
                     'long_run_lower': plain(lower),
                     'long_run_upper': plain(upper),
@@ -375,10 +376,6 @@ def reorient(
         Repeat the actions with half the time step.
     **conditions : float
         Conditions that differ from the surface, in SI units, such as ``friction=0.3``.
-
-    Returns
-    -------
-    ReorientResult
 
     Raises
     ------

@@ -1,7 +1,6 @@
 """Read the JSON document of a distribution that `drop` or `request` printed."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -68,8 +67,6 @@ class CountedAspect(RangedShare):
     """An aspect; everything else about it follows from the part."""
 
     id: Count
-    down_in_part: tuple[Number, Number, Number]
-    rolls: StrictBool = False
     symmetry_class: Count
 
 
@@ -160,7 +157,6 @@ def counts_of(path: Path, document: RunDocument) -> CountedDrops:
     if len(set(ids)) < len(ids):
         raise invalid_field(path, 'ids', ids, 'each aspect once')
     counts = np.array([aspect.count for aspect in aspects], dtype=np.int64)
-    down = [[math.nan] * 3 if aspect.rolls else aspect.down_in_part for aspect in aspects]
     with located(f'invalid conditions in {file_text(path)}'):
         run = document.description()
     given = CountedDrops(
@@ -172,7 +168,6 @@ def counts_of(path: Path, document: RunDocument) -> CountedDrops:
             document.unsettled + document.lost + document.sliding,
             document.failed,
         ),
-        down=np.array(down, dtype=np.float64).reshape(-1, 3),
         run=run,
         complete=document.complete,
         classes=tuple(aspect.symmetry_class for aspect in aspects),

@@ -74,8 +74,12 @@ class RetentionResult(Result):
     @property
     def title(self) -> str:
         """Part, surface and seed in one line."""
-        surface = surface_text(self.run.conditions)
-        return f'{self.run.part}, disturbed on {surface}, seed {self.run.seed}'
+        return f'{self.run.part}, {self.subtitle}'
+
+    @property
+    def subtitle(self) -> str:
+        """Surface and seed."""
+        return f'disturbed on {surface_text(self.run.conditions)}, seed {self.run.seed}'
 
     def document(self) -> dict[str, object]:
         """Return the document that `resting_aspects retention --json` prints."""

@@ -17,7 +17,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as ProgressBar
 
 from resting_aspects_ros.arrays import Counts
@@ -49,47 +49,32 @@ from resting_aspects_ros.system import available_cores
 # -- Progress -------------------------------------------------------------------------------------
 
 
-Self = TypeVar('Self', bound='ShownProgress')  # typing.Self is newer than Python 3.10
+Self = TypeVar('Self', bound='DropProgress')  # typing.Self is newer than Python 3.10
 LINE_PERIOD = 1.0  # s
 # Whether progress is shown on standard error; or a function that is called often with the numbers
 # done and in total.
 Progress = bool | Callable[[int, int], None]
 
 
-class ShownProgress:
-    """Context manager of a progress bar on standard error; no bar if that is not a terminal."""
+class DropProgress:
+    """Progress display of drops, or what ``unit`` is, and their rate; a context manager.
 
-    def __init__(
-        self, what: str, total: float, *columns: ProgressColumn, shown: bool = True
-    ) -> None:
-        self._bar: ProgressBar | None = None
-        if shown and sys.stderr.isatty():
-            text = TextColumn('{task.fields[text]}', markup=False)
-            title = TextColumn('{task.description}', markup=False)
-            console = Console(stderr=True)
-            self._bar = ProgressBar(title, BarColumn(), *columns, text, console=console)
-            self._task = self._bar.add_task(what, total=total, text='')
-
-    def __enter__(self: Self) -> Self:  # noqa: PYI019
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-
-class DropProgress(ShownProgress):
-    """Progress display of drops, or what ``unit`` is, and their rate.
-
-    ``done`` are made so far. A function as ``shown`` is called instead of a display.
+    It is a bar on standard error if that is a terminal, else a line each second. ``done`` are made
+    so far. A function as ``shown`` is called instead of a display.
     """
 
     def __init__(
         self, what: str, total: int, unit: str = 'drops', *, shown: Progress = True
     ) -> None:
         self._visible = shown is True
-        super().__init__(what, total, MofNCompleteColumn(), shown=self._visible)
         self._report = shown if callable(shown) else None
+        self._bar: ProgressBar | None = None
+        if self._visible and sys.stderr.isatty():
+            text = TextColumn('{task.fields[text]}', markup=False)
+            title = TextColumn('{task.description}', markup=False)
+            columns = title, BarColumn(), MofNCompleteColumn(), text
+            self._bar = ProgressBar(*columns, console=Console(stderr=True))
+            self._task = self._bar.add_task(what, total=total, text='')
         self.done = 0
         self._what = what
         self._unit = unit
@@ -97,6 +82,13 @@ class DropProgress(ShownProgress):
         self._started = self._shown = time.monotonic()
         self._updated = False
         self._line = ''  # the last printed line
+
+    def __enter__(self: Self) -> Self:  # noqa: PYI019
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
 
     def update(self, done: int) -> None:
         """Update the number of drops made."""

@@ -11,14 +11,13 @@ from resting_aspects_ros.aspects.clusters import Agreement, Clusters, Difference
 from resting_aspects_ros.report.document import SCHEMA_VERSION, numbers, plain, share_fields
 from resting_aspects_ros.report.drops import shares
 from resting_aspects_ros.report.format import (
+    bounds_text,
     decimals_of,
     direction_text,
     interval_of,
-    interval_text,
     outside_aspects,
     percent_text,
     points,
-    probability_text,
     shown_difference,
 )
 from resting_aspects_ros.report.table import DOWN, NOTHING, Table
@@ -32,7 +31,7 @@ MAX_DECIMALS = 2
 
 @dataclass(frozen=True, eq=False)
 class ComparedResults:
-    """The two sides of a comparison.
+    """Two sets of drops, and their comparison.
 
     ids, names : tuple of int, tuple of str
         Ids of the aspects or symmetry classes (see ``what``), and the same as text, such as '3+4'
@@ -47,6 +46,7 @@ class ComparedResults:
     names: tuple[str, ...]
     a: DropCounts
     b: DropCounts
+    comparison: Comparison
     what: Literal['aspect', 'class'] = 'aspect'
     labels: tuple[str, str] = ('A', 'B')
     models: tuple[ModelRange | None, ModelRange | None] = (None, None)
@@ -56,15 +56,26 @@ class ComparedResults:
         """The counts of both sides."""
         return self.a, self.b
 
-    def shares(self, confidence: float) -> list[list[Interval]]:
-        """Return, for each side, the share of each aspect in the drops that are in an aspect."""
+    @property
+    def tally_texts(self) -> list[str]:
+        """Label and counts of each side, as 'A 93 of 100'."""
+        return [
+            f'{label} {tally.counts.sum()} of {tally.drops}'
+            for label, tally in zip(self.labels, self.tallies, strict=True)
+        ]
+
+    @property
+    def shares(self) -> list[list[Interval]]:
+        """For each side, the share of each aspect in the drops that are in an aspect."""
+        confidence = self.comparison.confidence
         return [
             intervals(tally.counts, int(tally.counts.sum()), confidence=confidence)
             for tally in self.tallies
         ]
 
+    @property
     def ranges(self) -> list[list[Interval | None]]:
-        """Return, for each side, the model range of each aspect; None if it is not known."""
+        """For each side, the model range of each aspect; None if it is not known."""
         return [
             [None] * len(self.ids)
             if model is None
@@ -76,13 +87,14 @@ class ComparedResults:
         ]
 
 
-def comparison_table(comparison: Comparison, sides: ComparedResults, title: str) -> Table:
+def comparison_table(sides: ComparedResults, title: str) -> Table:
     """Return a table with a row for each aspect, and for each outcome in no aspect.
 
     Shares of aspects refer to the drops in an aspect, other shares to all drops. Model ranges are
     below the interval of the first side, and below the share of the second.
     """
-    percent = f'{100 * comparison.confidence:.10g} %'
+    confidence = sides.comparison.confidence
+    percent = f'{100 * confidence:.10g} %'
     first, second = sides.labels
     headings = (
         sides.what,
@@ -93,16 +105,15 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
         f'{percent}\nsimultaneous',
     )
     table = Table(title, headings)
-    rows = zip(*sides.shares(comparison.confidence), *sides.ranges(), strict=True)
-    texts = _difference_texts(comparison, sides)
+    rows = zip(*sides.shares, *sides.ranges, strict=True)
     for k, ((a, b, *ranges), (difference, bounds, decimals)) in enumerate(
-        zip(rows, texts, strict=True)
+        zip(rows, _difference_texts(sides), strict=True)
     ):
-        below, below_other = (f'\n{_bare(model)}' if model else '' for model in ranges)
+        below, below_other = (f'\n{bounds_text(model)}' if model else '' for model in ranges)
         table.add_row(
             sides.names[k],
             percent_text(a.probability, decimals),
-            f'{_bare(a)}{below}',
+            f'{bounds_text(a)}{below}',
             f'{percent_text(b.probability, decimals)}{below_other}',
             difference,
             bounds,
@@ -112,29 +123,21 @@ def comparison_table(comparison: Comparison, sides: ComparedResults, title: str)
         counts = [getattr(tally, name) for tally in sides.tallies]
         if any(counts):
             a, b = (
-                intervals([count], tally.drops, confidence=comparison.confidence)[0]
+                intervals([count], tally.drops, confidence=confidence)[0]
                 for count, tally in zip(counts, sides.tallies, strict=True)
             )
-            share, other = (probability_text(each).removesuffix(' %') for each in (a, b))
-            table.add_row(name, share, _bare(a), other)
+            share, other = (percent_text(each.probability, decimals_of(each)) for each in (a, b))
+            table.add_row(name, share, bounds_text(a), other)
     return table
 
 
-def _bare(interval: Interval) -> str:
-    return interval_text(interval).removesuffix(' %')
-
-
-def _difference_texts(
-    comparison: Comparison, sides: ComparedResults
-) -> Iterator[tuple[str, str, int]]:
+def _difference_texts(sides: ComparedResults) -> Iterator[tuple[str, str, int]]:
     """Yield the difference of each row, its bounds, and the decimals of both shares.
 
     The difference is that of the shares that are shown. It has one digit more than its bounds,
     because it is computed from exact counts.
     """
-    rows = zip(
-        *sides.shares(comparison.confidence), comparison.lower, comparison.upper, strict=True
-    )
+    rows = zip(*sides.shares, sides.comparison.lower, sides.comparison.upper, strict=True)
     for a, b, lower, upper in rows:
         own = decimals_of(Interval(0.0, lower, upper))
         decimals = min(own + 1, MAX_DECIMALS)
@@ -143,16 +146,16 @@ def _difference_texts(
         yield points(difference, decimals), ' to '.join(ends), decimals
 
 
-def difference_texts(comparison: Comparison, sides: ComparedResults) -> list[str]:
+def difference_texts(sides: ComparedResults) -> list[str]:
     """Return the difference of each row in percentage points, as '+3.1 (-0.9 to +7.0)'."""
-    found = _difference_texts(comparison, sides)
-    return [f'{difference} ({bounds})' for difference, bounds, _ in found]
+    return [f'{difference} ({bounds})' for difference, bounds, _ in _difference_texts(sides)]
 
 
-def measures(comparison: Comparison, sides: ComparedResults) -> dict[str, str]:
+def measures(sides: ComparedResults) -> dict[str, str]:
     """Return how much the sides differ, and whether chance explains it, as texts by name."""
+    comparison = sides.comparison
     k = comparison.largest_aspect - 1
-    largest = difference_texts(comparison, sides)[k]
+    largest = difference_texts(sides)[k]
     many = 'aspects' if sides.what == 'aspect' else 'classes'
     by = 'chi-square' if comparison.p_by == 'chi-square' else f'Monte Carlo, {TABLES} tables'
     rows = {
@@ -160,10 +163,7 @@ def measures(comparison: Comparison, sides: ComparedResults) -> dict[str, str]:
         'largest deviation': f'{largest} points in {sides.what} {sides.names[k]}',
         'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
         'p value': f'{p_text(comparison.p_value).removeprefix("p = ")} by {by}',
-        'drops in aspects': ', '.join(
-            f'{label} {tally.counts.sum()} of {tally.drops}'
-            for label, tally in zip(sides.labels, sides.tallies, strict=True)
-        ),
+        'drops in aspects': ', '.join(sides.tally_texts),
     }
     if any(getattr(tally, name) for tally in sides.tallies for name in REST):
         ranged = ' and model ranges' if any(sides.models) else ''
@@ -172,13 +172,13 @@ def measures(comparison: Comparison, sides: ComparedResults) -> dict[str, str]:
 
 
 def comparison_document(
-    comparison: Comparison, sides: ComparedResults, inputs: Mapping[str, Mapping[str, object]]
+    sides: ComparedResults, inputs: Mapping[str, Mapping[str, object]]
 ) -> dict[str, object]:
     """Return the comparison as a JSON document; shares are from 0 to 1, and not rounded.
 
     inputs : the fields that describe each side, under ``a`` and ``b``: file, part, drops, ...
     """
-    shares, ranges = sides.shares(comparison.confidence), sides.ranges()
+    comparison, shares, ranges = sides.comparison, sides.shares, sides.ranges
     lower, upper = comparison.largest_bounds
     return {
         'schema_version': SCHEMA_VERSION,
@@ -229,20 +229,19 @@ def comparison_document(
     }
 
 
-def verdict(comparison: Comparison, sides: ComparedResults) -> str:
+def verdict(sides: ComparedResults) -> str:
     """State whether the sides differ by more than chance explains, and where they differ most.
 
     The confidence of the comparison is the level of the test.
     """
+    comparison = sides.comparison
     p_value = p_text(comparison.p_value)
     if comparison.p_value >= 1 - comparison.confidence:
         return f'The distributions do not differ significantly ({p_value}).'
     certain = np.flatnonzero((comparison.lower > 0) | (comparison.upper < 0))
     among = certain if len(certain) else np.arange(len(sides.ids))
     k = int(among[np.abs(comparison.deviation[among]).argmax()])
-    difference = (
-        f'{difference_texts(comparison, sides)[k]} points in {sides.what} {sides.names[k]}'
-    )
+    difference = f'{difference_texts(sides)[k]} points in {sides.what} {sides.names[k]}'
     if len(certain):
         return f'They differ by {difference} ({p_value}).'
     return (

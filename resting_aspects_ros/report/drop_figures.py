@@ -8,6 +8,7 @@ import numpy as np
 
 from resting_aspects_ros.arrays import Counts
 from resting_aspects_ros.part.part import Part
+from resting_aspects_ros.report.comparison import ComparedResults, difference_texts
 from resting_aspects_ros.report.figure import (
     FAINT,
     MARGIN,
@@ -100,34 +101,23 @@ def convergence_figure(
 
 
 def comparison_figure(
-    rows: Sequence[Row],
-    sides: Sequence[tuple[str, Sequence[Interval]]],
-    differences: Sequence[str],
-    ranges: Sequence[Sequence[Interval | None]],
-    width: float = WIDE,
+    rows: Sequence[Row], sides: ComparedResults, width: float = WIDE
 ) -> 'Figure':
     """Plot two distributions as bars with whiskers, and write the differences beside them.
 
-    Parameters
-    ----------
-    sides : sequence of (str, sequence of Interval)
-        Label of each of the two, and the interval of each row. The bars of the second are paler.
-    differences : sequence of str
-        The text beside each row.
-    ranges : sequence of sequence of (Interval or None)
-        The model range of each row, of both; thin bars beside their bars.
+    The bars of the second side are paler. Thin bars beside the bars are model ranges.
     """
     legend = '\n'.join(
-        textwrap.fill(f'{place} bar: {name}', int(width / 0.075))
-        for (name, _), place in zip(sides, ('upper', 'lower'), strict=True)
+        textwrap.fill(f'{place} bar: {text} drops in an aspect', int(width / 0.075))
+        for place, text in zip(('upper', 'lower'), sides.tally_texts, strict=True)
     )
     figure, axes = _band_axes(rows, width, 0.5 + 0.16 * len(legend.splitlines()))
     at = 0.2 / width, 0.1 / figure.get_figheight()
     figure.text(*at, legend, size=8, color=FAINT, parse_math=False)
     places, tall = np.arange(len(rows), dtype=np.float64), 0.25 / _pitch(width)
-    both = [side for _, side in sides]
-    known = [each for side in (*both, *ranges) for each in side if each is not None]
-    top = max(each.upper for each in known)
+    both, ranges, differences = sides.shares, sides.ranges, difference_texts(sides)
+    drawn: list[Sequence[Interval | None]] = [*both, *ranges]
+    top = max(each.upper for side in drawn for each in side if each is not None)
     for side, models, shift, alpha in zip(
         both, ranges, (-tall / 2, tall / 2), (1.0, 0.45), strict=True
     ):
@@ -149,7 +139,7 @@ def comparison_figure(
             if model is not None:
                 draw_range(axes, model, row.colour, y, 0.12 * tall)
     ends = [
-        max(each.upper for each in of_row if each) for of_row in zip(*both, *ranges, strict=True)
+        max(each.upper for each in row if each is not None) for row in zip(*drawn, strict=True)
     ]
     text_width = _write_differences(axes, rows, differences, ends, narrow=width <= NARROW)
     # The axis leaves room for the text beside the longest bar.

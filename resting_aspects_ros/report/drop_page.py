@@ -17,7 +17,6 @@ from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import (
     ComparedResults,
     comparison_table,
-    difference_texts,
     measures,
     verdict,
 )
@@ -73,7 +72,7 @@ from resting_aspects_ros.report.picture import (
 )
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.rotations import rotate
-from resting_aspects_ros.statistics.comparison import Comparison, DropCounts
+from resting_aspects_ros.statistics.comparison import DropCounts
 from resting_aspects_ros.statistics.distribution import Distribution
 from resting_aspects_ros.statistics.intervals import Interval
 
@@ -132,7 +131,7 @@ def drop_page(
     history: tuple[Counts, Counts] | None = None,
     estimates: Mapping[str, Array] | None = None,
     not_defined: Mapping[str, str] | None = None,
-    measured: tuple[Comparison, ComparedResults] | None = None,
+    measured: ComparedResults | None = None,
     range_text: str = '',
     contacts: Table | None = None,
     level_floor: bool = True,
@@ -149,7 +148,7 @@ def drop_page(
         Numbers of drops, ascending, and the counts of the k aspects after each of them.
     estimates, not_defined : mapping, optional
         (k,) probabilities of the aspects by method, or why it is not defined for the part.
-    measured : (Comparison, ComparedResults), optional
+    measured : ComparedResults, optional
         The counts by class with which the drops are compared.
     range_text : str
         What the model range covers, or why there is none.
@@ -177,7 +176,7 @@ def drop_page(
         texts: list[Item] = [CONTACTS.format(drops=drops), contacts]
         sections.append(Section('Contacts in the surroundings', 'contacts', texts))
     if measured is not None:
-        compared = list(comparison_items(drawn.rows, *measured))
+        compared = list(comparison_items(drawn.rows, measured))
         sections.append(Section('Measured and simulated', 'comparison', compared))
     if history is not None and len(history[0]) > 1 and drawn.rows:
         draw = partial(convergence_figure, drawn.rows, history[0], bands(distribution, *history))
@@ -274,22 +273,13 @@ def _chart(name: str, draw: Any, caption: str) -> Chart:
     return Chart(name, _LABELS[name], wide, caption, wide, partial(draw, width=NARROW))
 
 
-def comparison_items(
-    rows: Sequence[Row], comparison: Comparison, sides: ComparedResults
-) -> Iterator[Item]:
+def comparison_items(rows: Sequence[Row], sides: ComparedResults) -> Iterator[Item]:
     """Yield what shows the comparison of two sets of drops, with a row for each compared class."""
-    confidence = f'{100 * comparison.confidence:g}'
+    confidence = f'{100 * sides.comparison.confidence:g}'
     first, second = sides.labels
     if sides.what == 'class':
         rows = [replace(row, name=f'class {sides.names[k]}') for k, row in enumerate(rows)]
-    labelled = [
-        (f'{label}, {tally.counts.sum()} of {tally.drops} drops in an aspect', shares)
-        for label, tally, shares in zip(
-            sides.labels, sides.tallies, sides.shares(comparison.confidence), strict=True
-        )
-    ]
-    texts = difference_texts(comparison, sides)
-    draw = partial(comparison_figure, rows, labelled, texts, sides.ranges())
+    draw = partial(comparison_figure, rows, sides)
     thin = ' Thin bars are model ranges.' if any(sides.models) else ''
     yield _chart(
         'comparison',
@@ -299,9 +289,9 @@ def comparison_items(
         f'difference, {first} minus {second}, in percentage points, with simultaneous '
         f'{confidence} % bounds.',
     )
-    yield Text(verdict(comparison, sides), 'verdict')
-    yield comparison_table(comparison, sides, '')
-    yield Facts(list(measures(comparison, sides).items()))
+    yield Text(verdict(sides), 'verdict')
+    yield comparison_table(sides, '')
+    yield Facts(list(measures(sides).items()))
 
 
 def _estimate_section(

@@ -16,6 +16,7 @@ from resting_aspects_ros.report.format import (
     Row,
     aspect_rows,
     aspects_heading,
+    bounds_text,
     class_of,
     class_rows,
     decimals_of,
@@ -246,10 +247,7 @@ def estimate_table(
     else:
         headings = ['drops', '95 %\ninterval']
         first = [
-            [
-                share_text(each.probability),
-                Number(interval_text(each).removesuffix(' %'), 100 * each.lower, 100 * each.upper),
-            ]
+            [share_text(each.probability), bounds_text(each)]
             for each in intervals(against.counts, int(against.counts.sum()))
         ]
     for method in shares:

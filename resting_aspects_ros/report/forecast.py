@@ -79,31 +79,26 @@ def forecast_sentence(named: NamedForecast) -> str:
     )
 
 
-def cell_facts(named: NamedForecast) -> list[tuple[str, str]]:
-    """Return label and value of the times, the tray and the gripper that a forecast is for."""
+def cell_text(named: NamedForecast) -> str:
+    """Return the times, the tray and the gripper that a forecast is for, in one sentence."""
     times, tray = named.model.times, named.model.tray
     facts = [
-        ('robot', f'{times.robot:g} s'),
-        ('feeder motion', f'{times.vibrate:g} s'),
-        ('settling', f'{times.settle:g} s'),
-        ('image', f'{times.image:g} s'),
+        f'robot {times.robot:g} s',
+        f'feeder motion {times.vibrate:g} s',
+        f'settling {times.settle:g} s',
+        f'image {times.image:g} s',
     ]
     if times.supply:
-        facts.append(('supply per part', f'{times.supply:g} s'))
+        facts.append(f'supply per part {times.supply:g} s')
     if times.place:
-        facts.append(('overlap', f'{times.overlap:g} s'))
-    facts.append(('tray', '{:g} x {:g} mm'.format(*(1000 * side for side in tray.size))))
-    facts.append(('clearance', f'{1000 * tray.clearance:g} mm'))
+        facts.append(f'overlap {times.overlap:g} s')
+    facts.append('tray {:g} x {:g} mm'.format(*(1000 * side for side in tray.size)))
+    facts.append(f'clearance {1000 * tray.clearance:g} mm')
     if tray.gripper is not None:
-        facts.append(('gripper', tray.gripper.text))
+        facts.append(f'gripper {tray.gripper.text}')
     if named.model.max_picks is not None:
-        facts.append(('maximum picks per image', str(named.model.max_picks)))
-    return facts
-
-
-def cell_text(named: NamedForecast) -> str:
-    """Return what a forecast is for, in one sentence."""
-    return f'For {", ".join(f"{label} {value}" for label, value in cell_facts(named))}.'
+        facts.append(f'maximum picks per image {named.model.max_picks}')
+    return f'For {", ".join(facts)}.'
 
 
 def range_text(named: NamedForecast) -> str:

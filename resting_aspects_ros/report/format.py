@@ -54,9 +54,14 @@ def probability_text(interval: Interval) -> str:
 
 def interval_text(interval: Interval) -> str:
     """Return both bounds in percent, as '25.1 to 30.7 %' or '0 to 0.38 %'."""
+    return Number(f'{bounds_text(interval)} %', 100 * interval.lower, 100 * interval.upper)
+
+
+def bounds_text(interval: Interval, to: str = ' to ') -> str:
+    """Return both bounds in percent without the percent sign, as '25.1 to 30.7'."""
     decimals = decimals_of(interval)
     lower, upper = (percent_text(each, decimals) for each in (interval.lower, interval.upper))
-    return Number(f'{lower} to {upper} %', 100 * interval.lower, 100 * interval.upper)
+    return Number(f'{lower}{to}{upper}', 100 * interval.lower, 100 * interval.upper)
 
 
 def model_range(model: Interval) -> str:

@@ -2,9 +2,9 @@
 
 import io
 import textwrap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
@@ -169,37 +169,25 @@ def yaw_symmetry_text(order: int) -> str:
 
 
 def confused_class_texts(outlines: Sequence[Outline], look_alikes: LookAlikes) -> list[str]:
-    """Return a sentence for each group of classes that a camera confuses, the worst first."""
+    """Return a sentence for each reason why a camera confuses classes of outline_table."""
     by_number = {each.symmetry_class: each for each in outlines}
-    groups = {group[0]: group for group in same_groups(look_alikes)}
-    texts = [
-        _same_text([by_number[number] for number in group])
-        for group in groups.values()
-        if len(group) > 1
+    groups = same_groups(look_alikes)
+    texts = [_same_text([by_number[k] for k in group]) for group in groups if len(group) > 1]
+    near = [
+        each
+        for outline in outlines
+        for each in _near(outline, look_alikes[outline.symmetry_class])
+        if each.verdict != 'same'
     ]
-    # The first class of each group represents the others, which have the same outline.
-    pairs = {
-        (one, each.symmetry_class): each
-        for one in groups
-        for each in _near(by_number[one], look_alikes[one])
-        if one < each.symmetry_class and each.symmetry_class in groups
-    }
-    covered: set[tuple[int, int]] = set()
-    for pair in sorted(pairs, key=lambda pair: _order(pairs[pair])):
-        if pair not in covered:
-            inside = list(combinations(_alike(pair, pairs), 2))
-            covered.update(inside)
-            texts.append(_group_text(inside, pairs, groups))
+    if near:
+        needed = millimetres_text(min(each.resolution for each in near))
+        texts.append(
+            f'To distinguish {"the other" if texts else "all"} classes by their outlines, the '
+            f'camera must resolve details of {needed} mm.'
+        )
+    if any(each.verdict == 'mirrored' for each in near):
+        texts.append('A match must not accept mirrored outlines.')
     return texts
-
-
-def _alike(pair: tuple[int, int], pairs: Collection[tuple[int, int]]) -> list[int]:
-    """Return classes, ascending, all pairs of which are in ``pairs``; the given pair is one."""
-    group = list(pair)
-    for number in sorted({number for each in pairs for number in each} - {*pair}):
-        if all((min(number, other), max(number, other)) in pairs for other in group):
-            group.append(number)
-    return sorted(group)
 
 
 def family_texts(outlines: Sequence[Outline]) -> list[str]:
@@ -245,33 +233,6 @@ def _same_text(outlines: Sequence[Outline]) -> str:
     if not all(clear):
         needed = 'grey values of the upper side are needed'
     return f'Classes {classes} have the same outline. No resolution distinguishes them; {needed}.'
-
-
-def _group_text(
-    inside: Sequence[tuple[int, int]],
-    pairs: Mapping[tuple[int, int], LookAlike],
-    groups: Mapping[int, tuple[int, ...]],
-) -> str:
-    """Return what distinguishes classes whose outlines are mirror images, or almost the same."""
-    entries = [pairs[pair] for pair in inside]
-    sizes = [millimetres_text(each(entry.resolution for entry in entries)) for each in (min, max)]
-    mirrors = any(entry.verdict == 'mirrored' for entry in entries)
-    if mirrors and len(entries) == 1:
-        one, other = (numbers_text(groups[number]) for number in inside[0])
-        return (
-            f'Classes {one} and {other} show mirror images of each other. Only a match that does '
-            f'not accept mirrored outlines distinguishes them; it must resolve details of '
-            f'{sizes[0]} mm.'
-        )
-    numbers = sorted({k for pair in inside for number in pair for k in groups[number]})
-    text = f'Classes {numbers_text(numbers)} differ by '
-    text += f'at most {sizes[0]}' if sizes[0] == sizes[1] else ' to '.join(sizes)
-    text += ' mm: the camera must resolve details of this size.'
-    if mirrors:
-        text += (
-            ' Some show mirror images of each other: a match must not accept mirrored outlines.'
-        )
-    return text
 
 
 MM = 1000.0  # mm/m
@@ -392,8 +353,7 @@ def check_px_per_mm(outlines: Sequence[Outline], px_per_mm: float) -> None:
 
 
 def outline_image(outline: Outline, px_per_mm: float = PIXELS_PER_MM) -> OutlineImage:
-    """Return the image of an outline. Raises InvalidValueError as `check_px_per_mm` does."""
-    check_px_per_mm([outline], px_per_mm)
+    """Return the image of an outline; check_px_per_mm tells whether the scale is possible."""
     scale = MM * px_per_mm
     left, low, right, high = (scale * each for each in outline.polygon.bounds)
     # The origin is a corner of a pixel, so that the images of all classes have the same raster.

@@ -27,6 +27,7 @@ from resting_aspects_ros.report.format import (
     aspect_colour,
     aspects_heading,
     aspects_text,
+    bounds_text,
     decimals_of,
     ids_text,
     interval_text,
@@ -118,14 +119,10 @@ def matrix_intervals(matrix: TransitionMatrix) -> list[list[Interval]]:
 
 def _with_bounds(interval: Interval) -> str:
     """Return the probability in percent, and below it its bounds, as '25.1-30.7'."""
-    bounds = _bare(interval_text(interval)).replace(' to ', '-')
+    share = percent_text(interval.probability, decimals_of(interval))
     values = (interval.probability, interval.lower, interval.upper)
-    text = f'{_bare(probability_text(interval))}\n{bounds}'
+    text = f'{share}\n{bounds_text(interval, "-")}'
     return Number(text, *(100 * value for value in values))
-
-
-def _bare(percentage: str) -> str:
-    return percentage.removesuffix(' %')
 
 
 NEVER, WANTED = 'never', 'wanted'

@@ -327,7 +327,7 @@ def _show_comparison(work: Work) -> None:
         rows = class_rows(a.distribution)
         names = tuple(row.name.partition(' ')[2] for row in rows)
         sides = dataclasses.replace(found.sides, what='aspect', names=names)
-        items += comparison_items(rows, found.comparison, sides)
+        items += comparison_items(rows, sides)
         items += [Text(text, 'plain') for text in found.range_texts]
         items.append(_words('compare', found.comparison.confidence))
     else:
@@ -392,7 +392,7 @@ def _show_counts(work: Work) -> None:
     sides = dataclasses.replace(found.sides, labels=('simulated', 'counted'))
     about = [Text(text, 'plain') for text in found.range_texts]
     words = _words('compare', found.comparison.confidence)
-    html = items_html([*comparison_items(rows, found.comparison, sides), *about, words])
+    html = items_html([*comparison_items(rows, sides), *about, words])
     work.publish('counts', {'html': html})
     if work.settings.fit:
         fitted = _fitted(work)

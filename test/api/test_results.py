@@ -16,17 +16,6 @@ def dropped(workers):
     return [ra.drop('hex_nut', seed=seed, **options) for seed in (1, 2)]
 
 
-def test_estimate_has_a_result_for_each_method():
-    result = ra.estimate('box_10x20x30')
-    assert list(result.estimates) == [
-        'solid_angle', 'csa', 'crsa', 'stability', 'energy_barrier', 'quasi_static', 'rolling',
-    ]  # fmt: skip
-    # Two faces of each size: stability is face area / half the box's height on it.
-    areas_over_heights = np.repeat([30 * 20 / 5, 30 * 10 / 10, 20 * 10 / 15], 2)
-    expected = areas_over_heights / areas_over_heights.sum()
-    assert result.estimates['stability'].probabilities == pytest.approx(expected)
-
-
 def test_wrong_arguments_of_estimate_are_named(dropped):
     with pytest.raises(ra.InvalidValueError, match='guess'):
         ra.estimate('box_10x20x30', ['guess'])
@@ -55,6 +44,8 @@ def test_what_cannot_be_compared_is_refused(dropped, workers):
     other = ra.drop('tetrahedron', drops=30, model_range=False, workers=workers)
     with pytest.raises(ra.InvalidValueError, match='different parts'):
         ra.compare(dropped[0], other)
+    with pytest.raises(ra.InvalidValueError, match='expected a result of drop, or a file'):
+        ra.compare(dropped[0].part, other)
     with pytest.warns(ra.RestingAspectsWarning, match='300 drops of A and B start from'):
         ra.compare(dropped[0], dropped[0])
 

@@ -1,14 +1,10 @@
 """The convex pieces with which parts are simulated in surroundings."""
 
-import dataclasses
-
 from resting_aspects_ros.api.conditions import (
     pieces_text,
     simulated_pieces,
     with_surroundings,
 )
-from resting_aspects_ros.simulation.surroundings import Surroundings
-from resting_aspects_ros.simulation.surroundings_kinds import MeshSurface
 
 
 def test_pieces_are_known_where_more_than_planes_meet_the_part(part, surfaces):
@@ -18,9 +14,3 @@ def test_pieces_are_known_where_more_than_planes_meet_the_part(part, surfaces):
         pieces = simulated_pieces(shape, with_surroundings(rubber, name))
         assert len(pieces.corners) == 1
         assert pieces_text(pieces, 'The edge meets').startswith('The edge meets the part as 1 con')
-
-
-def test_pieces_are_not_known_without_the_mesh(part, surfaces):
-    mesh = Surroundings(MeshSurface('x.stl', mesh_sha256='0'))
-    conditions = dataclasses.replace(surfaces.get('rubber_mat'), surroundings=mesh)
-    assert simulated_pieces(part('tetrahedron'), conditions) is None

@@ -72,7 +72,7 @@ NOT_READ = (
     *('classes', 'mesh_sha256', 'method', 'history', 'convergence', 'mesh_file', 'unit'),
     'no_model_range',
 )
-OPTIONAL = {'rolls', 'complete', 'body', 'lost', 'sliding', 'surroundings'}
+OPTIONAL = {'complete', 'body', 'lost', 'sliding', 'surroundings'}
 OPTIONAL |= {'model_uncertain', 'model_lower', 'model_upper'}
 
 
@@ -88,8 +88,7 @@ def test_a_document_of_drop_is_read(original):
 def test_error_names_the_field_that_is_wrong_or_missing(original, refusal):
     _, document = original
     read = {k: v for k, v in document.items() if k not in NOT_READ}
-    known = {'id', 'count', 'down_in_part', 'rolls', 'symmetry_class'}
-    known |= {'model_lower', 'model_upper'}
+    known = {'id', 'count', 'symmetry_class', 'model_lower', 'model_upper'}
     read['aspects'] = [{k: v for k, v in each.items() if k in known} for each in read['aspects']]
     found = list(places(read))
     assert len(found) > 35
@@ -112,7 +111,6 @@ def test_error_names_the_field_that_is_wrong_or_missing(original, refusal):
         (('part',), '<b>', "invalid part '<b>' in f.json: expected a name of lower case letters"),
         (('conditions', 'height'), -1.0, 'invalid conditions in f.json: invalid height -1.0'),
         (('aspects', 0, 'id'), 2, 'in f.json: expected each aspect once'),
-        (('aspects', 0, 'down_in_part'), [0, 1], 'f.json has no aspects[0].down_in_part[2]'),
     ],
 )
 def test_invalid_document_is_refused(original, refusal, place, value, said):

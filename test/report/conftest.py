@@ -1,41 +1,23 @@
 """Reports of parts, without a drop: counts are given."""
 
-import dataclasses
 from itertools import combinations
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import trimesh
 from matplotlib.text import Text
 from rich.console import Console
-from scipy.spatial import HalfspaceIntersection
 
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.comparison import ComparedResults
 from resting_aspects_ros.report.drop_page import drop_page
 from resting_aspects_ros.statistics.comparison import DropCounts, compare
 from resting_aspects_ros.statistics.distribution import Distribution
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Report:
-    """What a page of a distribution shows, and the page."""
-
-    distribution: Distribution
-    part: Part
-    more: dict[str, Any]
-
-    @property
-    def page(self):
-        subtitle = f'{self.distribution.drops} drops on a tray'
-        return drop_page(self.distribution, self.part, self.part.name, subtitle, **self.more)
-
-
 @pytest.fixture(scope='session')
 def make_report():
-    """Make the report of a part with a share of the drops in each aspect, and 3 % in none."""
+    """Make the page of a part with a share of the drops in each aspect, and 3 % in none."""
 
     def make(part, *, unseen=(), measured=False, **more):
         aspects = find_aspects(part)
@@ -46,32 +28,22 @@ def make_report():
         if measured:
             own = DropCounts(distribution.by_class().counts, 20, 10)
             other = DropCounts(own.counts // 2 + 3)
-            found = compare(own, other, np.random.default_rng(1))
             ids = tuple(range(1, len(own.counts) + 1))
-            names = tuple(map(str, ids))
-            labels = ('simulated', 'by hand')
-            more['measured'] = (
-                found,
-                ComparedResults(ids, names, own, other, 'class', labels=labels),
-            )
-        looks = np.array([10, 30, 100, 300, distribution.drops])
-        more.setdefault('history', (looks, np.outer(looks, counts) // distribution.drops))
-        return Report(distribution, part, more)
+            names, labels = tuple(map(str, ids)), ('simulated', 'by hand')
+            found = compare(own, other, np.random.default_rng(1))
+            more['measured'] = ComparedResults(ids, names, own, other, found, 'class', labels)
+        looks = np.array([10, 30, 100, 300, 1000])
+        more.setdefault('history', (looks, np.outer(looks, counts) // 1000))
+        page = drop_page(distribution, part, part.name, '1000 drops on a tray', **more)
+        return SimpleNamespace(page=page, distribution=distribution, part=part)
 
     return make
 
 
 @pytest.fixture(scope='session')
-def many_sided(solid):
-    """A body with 40 flat sides around its middle, no two alike: it rests on most of them."""
-    k = np.arange(40) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * k / 40), np.pi * (1 + 5**0.5) * k
-    normals = np.stack(
-        [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1
-    )
-    far = 10 * (1 + 0.02 * np.random.default_rng(2).random(40))
-    sides = HalfspaceIntersection(np.column_stack([normals, -far]), np.zeros(3))
-    return solid(trimesh.convex.convex_hull(sides.intersections))
+def many_sided(solid, solids):
+    """A body with more aspects than a figure has bars, no two alike."""
+    return solid(solids.random_sphere(90))
 
 
 @pytest.fixture(scope='session')

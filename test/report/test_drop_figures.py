@@ -1,70 +1,99 @@
-"""The figures of a report beside its pictures: all words can be read, in both widths."""
+"""The figures of a distribution show its numbers, and all words can be read."""
+
+import io
+import itertools
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from resting_aspects_ros.aspects.aspect_set import AspectSet
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.report.drop_figures import (
-    comparison_figure,
-    convergence_figure,
+    MAX_SHOWN,
+    _rows,
+    distribution_figure,
     pie_figure,
 )
-from resting_aspects_ros.report.figure import NARROW, WIDE, labels_apart
-from resting_aspects_ros.report.format import Row
+from resting_aspects_ros.report.figure import labels_apart, png_bytes
+from resting_aspects_ros.report.format import COLOURS, GREY, Row, class_rows, interval_text, rgb
+from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.statistics.intervals import Interval
-
-NAMES = ['aspect 1', 'aspects 2 and 3', 'aspects 4, 5, 6 and 12', 'aspects 10, 12, ... 30']
-SHARES = [0.9, 0.06, 0.03, 0.01]
-WIDTHS = pytest.mark.parametrize('width', [WIDE, NARROW])
+from resting_aspects_ros.statistics.model_range import with_model_range
 
 
-@pytest.fixture
-def rows():
-    colours = ['#0072B2', '#E69F00', '#009E73', '#D55E00']
-    return [
-        Row(name, round(1e6 * p), Interval(p, 0.99 * p, 1.01 * p), colour)
-        for name, p, colour in zip(NAMES, SHARES, colours, strict=True)
-    ]
+@pytest.fixture(scope='module')
+def aspects(part):
+    return find_aspects(part('l_bracket'))
 
 
-@WIDTHS
-def test_lines_and_bands_of_the_convergence_are_inside_the_axes(rows, width):
-    looks = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])
-    bands = [
+def test_picture_has_both_widths_and_says_what_they_cover(aspects, texts):
+    distribution = Distribution(aspects, np.array([400, 200, 150, 100, 0]), 120, 30, 0)
+    ranged = with_model_range(distribution)
+    figure = distribution_figure(ranged, None, 'title', 'Model range: all of it.')
+    words = texts(figure)
+    assert 'Model range: all of it.' in words
+    bars = figure.axes[1].patches
+    ends = {(round(b.get_x(), 6), round(b.get_x() + b.get_width(), 6)) for b in bars}
+    for row in class_rows(ranged):
+        assert (0, round(row.interval.probability, 6)) in ends
+        assert (round(row.model.lower, 6), round(row.model.upper, 6)) in ends
+        assert f'{interval_text(row.interval)}\nmodel range {interval_text(row.model)}' in words
+
+
+@pytest.mark.filterwarnings('error')
+def test_picture_without_drops_or_aspects(aspects, part):
+    for each in (aspects, AspectSet(aspects.part_sha256, ())):
+        data = png_bytes(distribution_figure(no_drops(each), part('l_bracket'), 'none'))
+        with Image.open(io.BytesIO(data)) as image:
+            assert image.width == 1240
+
+
+def test_most_probable_classes_are_shown_and_others_summed(many_sided):
+    aspects = find_aspects(many_sided)
+    counts = np.arange(len(aspects))[::-1] % 50
+    rows = _rows(Distribution(aspects, counts, 0, 7, 0))
+    shown = [row.aspects[0].id - 1 for row in rows if row.aspects]
+    assert (shown, len(shown)) == (sorted(shown), MAX_SHOWN)
+    others = np.delete(counts, shown)
+    assert counts[shown].min() >= others.max()
+    names = [f'{len(aspects) - MAX_SHOWN} other aspects', 'unsettled']
+    assert [(row.name, row.count) for row in rows[MAX_SHOWN:]] == [
+        (names[0], others.sum()), (names[1], 7)
+    ]  # fmt: skip
+
+
+def test_colours_are_distinguishable_for_colour_blind_viewers():
+    # Machado, Oliveira and Fernandes 2009, severity 1: no red, no green.
+    sights = [
+        np.eye(3),
         [
-            Interval(p, max(0.0, p - p / np.sqrt(n)), min(1.0, p + 1 / np.sqrt(n)))
-            for p in (0.5, 0.2, 0.2, 0.1)
-        ]
-        for n in looks
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ],
+        [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ],
     ]
-    (axes,) = convergence_figure(rows, looks, bands, width).axes
-    shapes = [line.get_xydata() for line in axes.lines if line.get_clip_on()]
-    shapes += [path.vertices for band in axes.collections for path in band.get_paths()]
-    assert len(shapes) == 2 * len(rows)
-    for points in shapes:
-        for values, (low, high) in zip(points.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
-            assert low <= values.min()
-            assert values.max() <= high
+    colours = np.array([rgb(colour) for colour in (*COLOURS, GREY)])
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    for sight in sights:
+        lab = cielab(np.clip(linear @ np.transpose(sight), 0, 1))
+        assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(lab, 2)) > 10
 
 
-@WIDTHS
-def test_comparison_with_long_texts_is_readable(rows, texts, width):
-    differences = [
-        '-12.35 (-12.51 to -12.21)',
-        '+0.12 (-0.02 to +0.15)',
-        '0',
-        '-0.015 (-0.021 to 0.000)',
-    ]
-    own = [row.interval for row in rows]
-    words = 'manual_count_of_the_night_shift_2025-01-31.csv, 980 of 1000 drops in an aspect'
-    sides = [('simulated', own), (words, own)]
-    ranges = [[Interval(0.5, 0.4, 0.97)] * len(rows), [None] * len(rows)]
-    figure = comparison_figure(rows, sides, differences, ranges, width)
-    texts(figure)
-    (axes,) = figure.axes
-    # The longest bar with its interval ends inside, and takes a good part of the room.
-    low, high = axes.get_xlim()
-    assert low == 0
-    assert 0.3 < 0.97 / high < 1
+def cielab(linear):
+    xyz = (
+        linear
+        @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]])
+        / [0.9505, 1.0, 1.089]
+    )
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    x, y, z = f.T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
 
 
 def test_labels_of_small_slices_at_the_bottom_are_inside(texts):
@@ -73,9 +102,7 @@ def test_labels_of_small_slices_at_the_bottom_are_inside(texts):
         Row(f'aspect {k}', round(1e3 * p), Interval(p, 0.9 * p, 1.1 * p), '#0072B2')
         for k, p in enumerate(shares.tolist(), 1)
     ]
-    figure = pie_figure(rows, [np.ones((8, 8, 4))] * len(rows))
-    texts(figure)
-    assert 'aspect 12' in [text.get_text() for text in figure.axes[0].texts]
+    assert 'aspect 12' in texts(pie_figure(rows, [np.ones((8, 8, 4))] * len(rows)))
 
 
 def test_labels_that_are_too_close_move_apart_by_little():

@@ -1,12 +1,13 @@
-"""The table says what the distribution is, in 80 columns."""
+"""The table and the document of a distribution say what the distribution is."""
 
 import dataclasses
-import re
+import json
 
 import numpy as np
 import pytest
 
 from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.report.document import distribution_document, to_json
 from resting_aspects_ros.report.drops import distribution_table
 from resting_aspects_ros.report.format import (
     direction_text,
@@ -19,65 +20,38 @@ from resting_aspects_ros.statistics.distribution import Distribution, no_drops
 from resting_aspects_ros.statistics.intervals import Interval
 from resting_aspects_ros.statistics.model_range import with_model_range
 
-ROW = re.compile(
-    r'^ *(?P<id>\d[\d ,.a-z]*?)?  +(?P<words>[a-z].*?)  +'
-    r'(?P<down>[-+ ]\d\.\d\d [-+ ]\d\.\d\d [-+ ]\d\.\d\d)? *'
-    r'(?P<probability>[\d.]+|-)(?: %)? +(?P<lower>[\d.]+) to (?P<upper>[\d.]+) % +(?P<count>\d+)'
-    r'(?: +(?P<each>[\d.]+) %)? *$'
-)
-
 
 @pytest.fixture(scope='module')
-def aspects(part):
-    return find_aspects(part('l_bracket'))
+def distribution(part):
+    aspects = find_aspects(part('l_bracket'))
+    return Distribution(aspects, np.array([2780, 2713, 2490, 1312, 0]), 7, 0, 1)
 
 
-@pytest.fixture
-def rows(lines):
-    """Return the rows of the table of a distribution."""
-
-    def found(distribution, part=None, **options):
-        shown = lines(distribution_table(distribution, 'a title', part, **options))
-        matches = (ROW.match(line) for line in shown)
-        return [row.groupdict(default='') for row in matches if row]
-
-    return found
-
-
-def half_digit(text):
-    return 0.5 * 10.0 ** -len(text.partition('.')[2]) + 1e-9
-
-
-def test_rows_match_the_distribution(aspects, rows):
-    distribution = Distribution(aspects, np.array([2780, 2713, 2490, 1312, 0]), 7, 0, 1)
-    found = rows(distribution, each=True)
-    assert [row['id'] for row in found] == ['1', '2', '3', '4', '5', '', '']
-    assert [row['count'] for row in found] == ['2780', '2713', '2490', '1312', '0', '7', '1']
-    assert [row['words'] for row in found[5:]] == ['unclassified', 'failed']
-    for row, aspect, interval in zip(found, aspects, distribution.intervals(), strict=False):
-        for name in ('probability', 'lower', 'upper'):
-            shown = row[name]
-            assert float(shown) == pytest.approx(
-                100 * getattr(interval, name), abs=half_digit(shown)
-            )
-        direction = [float(number) for number in row['down'].split()]
+def test_rows_match_the_distribution(distribution):
+    rows = distribution_table(distribution, 'a title', each=True).rows
+    assert [row[0] for row in rows] == ['1', '2', '3', '4', '5', '', '', '']
+    assert [row[-1] for row in rows] == ['2780', '2713', '2490', '1312', '0', '7', '1', '9303']
+    assert [row[1] for row in rows[5:]] == ['unclassified', 'failed', 'drops in total']
+    for row, aspect in zip(rows, distribution.aspects, strict=False):
+        direction = [float(number) for number in row[2].split()]
         assert direction == pytest.approx(aspect.down_in_part.tolist(), abs=0.005 + 1e-9)
-    never = found[4]
-    assert (never['probability'], never['lower']) == ('0', '0')
+    intervals = [(probability_text(i), interval_text(i)) for i in distribution.intervals()]
+    assert [tuple(row[3:5]) for row in rows[:5]] == intervals
+    # Wilson's bound of what was never seen.
     z2, n = 3.8415, distribution.drops
-    assert float(never['upper']) == pytest.approx(100 * z2 / (n + z2), abs=0.005)
+    assert rows[4][3] == '0 %'
+    assert rows[4][4].values == (0, pytest.approx(100 * z2 / (n + z2), rel=1e-4))
 
 
-def test_equivalent_aspects_are_summed_in_one_row(part, rows):
+def test_equivalent_aspects_are_summed_in_one_row(part):
     nut = part('hex_nut')
     counts = np.array([300, 320, 60, 65, 70, 50, 55, 80])
     distribution = Distribution(find_aspects(nut), counts, 0, 0, 0)
-    flat, side = rows(distribution, part=nut)
-    assert (flat['id'], flat['words']) == ('1 and 2', 'flat side 17 x 19.6 mm')
-    assert (side['id'], side['words']) == ('3 to 8', 'flat side 8.4 x 9.81 mm')
-    assert [flat['count'], side['count']] == ['620', '380']
-    for row, each in ((flat, 62 / 2), (side, 38 / 6)):
-        assert float(row['each']) == pytest.approx(each, abs=half_digit(row['each']))
+    flat, side, _ = distribution_table(distribution, 'a title', nut).rows
+    assert flat[:2] == ['1 and 2', 'flat side 17 x 19.6 mm']
+    assert side[:2] == ['3 to 8', 'flat side 8.4 x 9.81 mm']
+    assert [flat[-2], side[-2]] == ['620', '380']
+    assert [flat[-1].values, side[-1].values] == [(31,), (pytest.approx(38 / 6),)]
 
 
 @pytest.mark.parametrize('name', ['t_prism', 'hex_nut'])
@@ -106,18 +80,39 @@ def test_digits_follow_the_width_of_the_interval(lower, probability, upper, word
     assert (probability_text(interval), interval_text(interval)) == words
 
 
-def test_direction_text_has_no_minus_zero():
+def test_texts_of_directions_and_lengths():
     assert direction_text(np.array([-0.0, -0.004, 1.0])) == ' 0.00  0.00 +1.00'
-    assert direction_text(np.array([0.5547, -0.83205, -0.005001])) == '+0.55 -0.83 -0.01'
-
-
-def test_longest_length_has_four_digits():
+    # The longest length has four digits.
     assert millimetre_texts(np.array([0.01, 0.0138675])) == ['10.00', '13.87']
-    assert millimetre_texts(np.array([0.0008, 0.00799])) == ['0.800', '7.990']
     assert millimetre_texts(np.array([1.5, 0.25])) == ['1500', '250']
 
 
-def test_summed_outcomes_have_the_interval_of_their_count(aspects):
-    distribution = Distribution(aspects, np.array([10, 20, 30, 40, 0]), 5, 3, 2)
-    same = dataclasses.replace(distribution, counts=np.array([30, 0, 30, 40, 0]))
-    assert interval_of(distribution, 30) == same.intervals()[0]
+def test_summed_outcomes_have_the_interval_of_their_count(distribution):
+    counts = np.array([5493, 0, 2490, 1312, 0])
+    same = dataclasses.replace(distribution, counts=counts)
+    assert interval_of(distribution, 2780 + 2713) == same.intervals()[0]
+
+
+def test_document_is_exact(distribution):
+    distribution = dataclasses.replace(distribution, unsettled=2)
+    run = {'volume': float('nan'), 'inertia': np.array([[0.1 + 0.2, np.inf]]), 'drops': 10**6}
+    document = distribution_document(distribution, run)
+    text = to_json(document)
+    assert json.loads(text) == document
+    assert (document['volume'], document['inertia']) == (None, [[0.1 + 0.2, None]])
+    assert '-0.0,' not in text.replace('\n', ',')
+    assert document['drops'] == 9305  # those counted, not those asked for
+    assert (document['unclassified'], document['unsettled'], document['failed']) == (7, 2, 1)
+    for written, aspect, count, interval in zip(
+        document['aspects'],
+        distribution.aspects,
+        distribution.counts.tolist(),
+        distribution.intervals(),
+        strict=True,
+    ):
+        assert (written['id'], written['count']) == (aspect.id, count)
+        for name in ('down_in_part', 'orientation', 'support'):
+            assert written[name] == getattr(aspect, name).tolist()
+        assert written['com_height'] == aspect.com_height
+        assert written['probability'] == interval.probability == count / 9305
+        assert (written['lower'], written['upper']) == (interval.lower, interval.upper)

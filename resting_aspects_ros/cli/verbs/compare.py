@@ -38,8 +38,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     def show() -> None:
         title = f'A: {result.a.title}\nB: {result.b.title}'
-        show_table(comparison_table(result.comparison, result.sides, title))
-        rows = measures(result.comparison, result.sides).items()
+        show_table(comparison_table(result.sides, title))
+        rows = measures(result.sides).items()
         lines = '\n'.join(f'{name:<25}{text}' for name, text in rows)
         show_texts(lines, *result.range_texts, result.verdict)
 
