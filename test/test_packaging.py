@@ -109,12 +109,8 @@ def names(dependencies):
 @pytest.mark.parametrize('path', [SUITE, INTERFACES], ids=['suite', 'interfaces'])
 def test_package_xml_is_valid_without_a_warning(path):
     warnings = []
-    package = parse_package(path, warnings=warnings)
-    package.validate(warnings=warnings)
+    parse_package(path, warnings=warnings).validate(warnings=warnings)
     assert warnings == []
-    assert package.package_format == 3
-    assert package.licenses == ['Apache-2.0']
-    assert 'Apache License' in (ROOT / 'LICENSE').read_text()
 
 
 def from_setup(*keys):
@@ -139,7 +135,6 @@ def test_package_xml_and_requirements_declare_what_is_imported():
     package = parse_package(SUITE)
     # trimesh reads 3MF files with networkx.
     assert names(package.exec_depends) == keys | in_launch | started | {'python3-networkx'}
-    assert names(package.build_depends) <= keys
     assert names(package.test_depends) - keys_of_tests == NEVER_IMPORTED
     assert keys_of_tests <= names(package.exec_depends + package.test_depends)
     assert pinned <= requirements('requirements.in')
@@ -169,9 +164,6 @@ def test_interface_package_declares_its_dependencies():
     cmake = (folder / 'CMakeLists.txt').read_text()
     assert used <= names(parse_package(INTERFACES).build_depends)
     assert used == set(re.search(r'DEPENDENCIES([\w\s]+)', cmake)[1].split())
-    assert {str(path.relative_to(folder)) for path in files} == set(
-        re.findall(r'^ *((?:msg|srv|action)/\w+\.\w+)$', cmake, flags=re.MULTILINE)
-    )
 
 
 def test_rosdep_finds_both_packages():
@@ -223,7 +215,6 @@ def test_wheel_has_all_shared_files(tmp_path):
         for path in (ROOT / folder).rglob('*.*')
         if path.is_file() and path.suffix != '.pyc'
     }
-    assert {'config/surfaces.yaml', 'launch/resting_aspects.launch.py'} <= files
     share = '.data/data/share/resting_aspects_ros/'
     with built('build_wheel', tmp_path / 'source', tmp_path) as packed:
         shared = {name.split(share)[1] for name in packed.namelist() if share in name}

@@ -36,30 +36,13 @@ def write_json(part, surfaces, tmp_path):
     return write
 
 
-@pytest.fixture
-def compared(run):
-    """Compare with --json; returns the document and standard error."""
-
-    def document(*words):
-        ended = run('compare', *words, '--json')
-        assert ended.returncode == 0, ended.stderr
-        return json.loads(ended.stdout), ended.stderr
-
-    return document
-
-
-def write_csv(folder, text, name='m.csv'):
-    (folder / name).write_text(text, encoding='utf-8')
-
-
-# -- the comparison ------------------------------------------------------------------------------
-
-
-def test_compare_drops_with_manual_counts(compared, write_json, tmp_path):
+def test_compare_drops_with_manual_counts(run, write_json, tmp_path):
     write_json('a')  # any name is accepted
-    write_csv(tmp_path, 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\nunsettled,3\n')
-    found, said = compared('a', 'm.csv')
-    assert said == ''
+    counted = 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\nunsettled,3\n'
+    (tmp_path / 'm.csv').write_text(counted)
+    ended = run('compare', 'a', 'm.csv', '--json')
+    assert (ended.returncode, ended.stderr) == (0, '')
+    found = json.loads(ended.stdout)
     table = [[aspect[side]['count'] for aspect in found['aspects']] for side in 'ab']
     assert table == [COUNTS, [61, 70, 50, 15, 14]]
     assert (found['a']['drops'], found['b']['drops'], found['b']['unsettled']) == (200, 213, 3)
@@ -67,19 +50,14 @@ def test_compare_drops_with_manual_counts(compared, write_json, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('changes', 'said'),
-    [
-        ({'run_id': 'other', 'first_drop': 150}, '50 drops of A and B start from the same'),
-        ({'seed': 4}, ''),
-        ({'engine_version': '9'}, '200 drops of A and B start from the same orientations'),
-    ],
+    ('changes', 'same'), [({'run_id': 'other', 'first_drop': 150}, '50 '), ({'seed': 4}, '')]
 )
-def test_dependent_drops_warn(compared, write_json, changes, said):
+def test_drops_that_start_alike_give_a_warning(run, write_json, changes, same):
     write_json('a.json')
     write_json('b.json', **changes)
-    _, warned = compared('a.json', 'b.json')
-    assert len(warned.splitlines()) == bool(said)
-    assert said in warned
+    warned = run('compare', 'a.json', 'b.json').stderr
+    assert warned.startswith(f'warning: {same}drops of A and B' if same else '')
+    assert len(warned.splitlines()) == bool(same)
 
 
 def test_classes_counted_together_are_compared_together(tmp_path):
@@ -91,21 +69,15 @@ def test_classes_counted_together_are_compared_together(tmp_path):
     (tmp_path / 'c.csv').write_text('class,count\n1,30\n2+3,50\n3,20\n')
     with pytest.raises(InvalidValueError, match='in one group'):
         compare(tmp_path / 'a.csv', tmp_path / 'c.csv')
-    (tmp_path / 'd.csv').write_text('class,count\n1,30\n2,50\n3,20\n')
-    with pytest.raises(InvalidValueError, match='4'):
-        compare(tmp_path / 'a.csv', tmp_path / 'd.csv')
 
 
 def test_wrong_aspects_are_those_of_the_manual_counts(write_json, tmp_path):
     write_json('a.json')
-    write_csv(tmp_path, 'aspect,count\n1,61\n2,70\n3,50\n')
+    (tmp_path / 'm.csv').write_text('aspect,count\n1,61\n2,70\n3,50\n')
     paths = [tmp_path / 'a.json', tmp_path / 'm.csv']
     for pair in (paths, paths[::-1]):
         with pytest.raises(InvalidValueError, match=r'aspects 1, 2, 3 in .*m\.csv.*a\.json.*4, 5'):
             compare(*pair)
-
-
-# -- the files -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -113,26 +85,18 @@ def test_wrong_aspects_are_those_of_the_manual_counts(write_json, tmp_path):
     [
         'aspect,count\n1,5\n2,0\nunclassified,1\nunsettled,2\nfailed,3\n',
         'Count;day; Aspect\r\n3;;failed\r\n0;"a;b";2\r\n\n5;;1\r\n2;;Unsettled\r\n1;;unclassified',
-        '\ufeffaspect,count\n2, 0\n1 ,05\nfailed,3\nunsettled,2\n,\nunclassified,1',
     ],
 )
 def test_accepted_spellings_of_manual_counts(tmp_path, text):
-    write_csv(tmp_path, text)
+    (tmp_path / 'm.csv').write_text(text)
     given = read_counts(tmp_path / 'm.csv')
     assert (given.ids, given.tally.counts.tolist()) == ((1, 2), [5, 0])
     tally = given.tally
     assert (tally.unclassified, tally.unsettled, tally.failed, given.drops) == (1, 2, 3, 11)
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
-        'batch,class,count\na,1,3\na,2,1\nb,1,2\nb,2,4\n',
-        'class\n1\n1\n2\n1\n1\n1\n2\n2\n2\n2\n',
-    ],
-)
-def test_counts_in_batches_are_added_up(tmp_path, text):
-    write_csv(tmp_path, text)
+def test_counts_in_batches_are_added_up(tmp_path):
+    (tmp_path / 'm.csv').write_text('batch,class,count\na,1,3\na,2,1\nb,1,2\nb,2,4\n')
     given = read_counts(tmp_path / 'm.csv')
     assert (given.groups, given.tally.counts.tolist()) == (((1,), (2,)), [5, 5])
 
@@ -140,13 +104,10 @@ def test_counts_in_batches_are_added_up(tmp_path, text):
 @pytest.mark.parametrize(
     ('text', 'said'),
     [
-        ('aspect,count\n1,5\ntwo,1\n', ["'two'", 'line 3']),
         ('aspect,count\n1,5\n1,7\n', ["'1'", 'line 3', 'once']),
         ('aspect,count\n1,5\n2,-1\n', ["'-1'", 'line 3', '0 to 100000000']),
-        ('aspect,count\n1,5\n2,1.5\n', ["'1.5'", 'line 3']),
         ('aspect,count\n1,5\n2,' + '9' * 5000, ["'99", "99'", 'line 3']),
         ('aspect,count\n1,5\n2\n', ['columns 1', 'line 3']),
-        ('', ["''", 'line 1']),
         ('aspect,count,Count\n1,5,5\n', ["'aspect, count, Count'", 'line 1']),
         ('aspect,count\n1,0\nfailed,4\n', ['0 of 4 drops']),
         ('aspect,count\n1,99999999\n2,2\n', ['100000001', '100000000']),

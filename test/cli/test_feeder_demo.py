@@ -1,6 +1,5 @@
 """`resting_aspects feeder_demo`: the feeder over ROS beside its forecast."""
 
-import io
 import json
 import os
 import signal
@@ -10,19 +9,11 @@ import pytest
 from builtin_interfaces.msg import Time
 from PIL import Image
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
-from rich.console import Console
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.cli import node_processes
-from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
 from resting_aspects_ros.cli.verbs import feeder_demo
-from resting_aspects_ros.client.feeder_watch import (
-    FeederWatch,
-    feeder_sentence,
-    feeder_table,
-)
+from resting_aspects_ros.client.feeder_watch import FeederWatch, feeder_sentence
 from resting_aspects_ros.errors import RestingAspectsError
 
 
@@ -54,9 +45,6 @@ class Watched:
     def result(self, time, kind, image=0):
         header = Header(stamp=Time(sec=time))
         self._send[PickResult](PickResult(header=header, result=kind, image=image))
-
-    def tick(self, time):
-        self._send[Clock](Clock(clock=Time(sec=time)))
 
 
 def test_camera_that_waits_for_the_watch_begins_after_all_is_heard():
@@ -111,54 +99,14 @@ def test_time_begins_with_the_first_image_of_the_camera():
     assert cell.watch.picks == 1
 
 
-def test_nodes_are_waited_for_until_they_are_ready(tmp_path, monkeypatch):
-    log = log_of(tmp_path, 'slow')
-    nodes = NodeProcesses(
-        tmp_path, lambda: log.write_text('[INFO] [1.0] [slow]: ready: 6 parts\n')
-    )
-    nodes._running = {'slow': SimpleNamespace(poll=lambda: None)}
-    log.write_text('[WARN] already here\n')
-    nodes.wait_until_ready()
-    assert 'ready' in log.read_text()
-    nodes = NodeProcesses(tmp_path, lambda: None)
-    nodes._running = {'slow': SimpleNamespace(poll=lambda: None)}
-    log.write_text('')
-    monkeypatch.setattr(node_processes, 'START_TIMEOUT', 0.0)
-    with pytest.raises(RestingAspectsError, match=r'slow is not ready after 0 s: see .*slow\.log'):
-        nodes.wait_until_ready()
-
-
-def test_time_that_stands_still_is_no_progress():
-    cell = Watched()
-    before = cell.watch._clock_changed
-    cell.tick(11)
-    changed = cell.watch._clock_changed
-    cell.tick(11)
-    assert before < changed == cell.watch._clock_changed
-
-
-COUNTED = {'minutes': 10.05, 'on_tray': 12, 'picks': 270, 'missed': 3, 'images': 150}
-COUNTED |= {'total': 10.0, 'rate': 26.87, 'advice': SimpleNamespace(reason='Pick 2')}
-
-
-def test_run_is_shown_beside_its_forecast():
-    def view(**changed):
-        forecast = SimpleNamespace(rate=26.0, prediction=(24.0, 28.0))
-        return SimpleNamespace(**COUNTED | changed), forecast
-
-    console = Console(width=80, record=True, file=io.StringIO())
-    console.print(feeder_table(*view()))
-    text = console.export_text()
-    for words in ('10:03 of 10 min', '270 (3 missed)', '26.9', '26.0 (24.0 to 28.0)', 'Pick 2'):
-        assert words in text
-    assert max(map(len, text.splitlines())) <= 80
-    for changed, said in (
-        ({}, 'within'),
-        ({'rate': 28.4}, 'outside'),
-        ({'minutes': 2}, 'shorter'),
-    ):
-        sentence = feeder_sentence(*view(**changed))
-        assert said in sentence.splitlines()[0].rpartition(';')[2]
+@pytest.mark.parametrize(
+    ('rate', 'minutes', 'said'),
+    [(26.8, 10, 'within'), (28.4, 10, 'outside'), (26.8, 2, 'shorter')],
+)
+def test_run_is_compared_with_its_forecast(rate, minutes, said):
+    found = SimpleNamespace(picks=270, total=10.0, rate=rate, minutes=minutes)
+    forecast = SimpleNamespace(rate=26.0, prediction=(24.0, 28.0))
+    assert said in feeder_sentence(found, forecast).splitlines()[0].rpartition(';')[2]
 
 
 @pytest.mark.slow

@@ -102,26 +102,6 @@ def test_a_run_without_a_drop_keeps_earlier_files(run, at_update, monkeypatch, t
 
 
 @pytest.mark.slow
-def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
-    process = begin(*QUICK, *OUTPUTS)
-    maps = f'/proc/{process.pid}/maps'
-    # NumPy is loaded after the signal handlers are set, long before the engine.
-    wait_until(lambda: '_multiarray_umath' in open(maps, encoding='utf-8').read())  # noqa: PTH123, SIM115
-    os.killpg(process.pid, signal.SIGINT)
-    assert process.communicate()[1].splitlines()[-1] == 'interrupted before the first drop'
-    assert process.returncode == 130
-
-
-def test_without_files_nothing_is_written(run, at_update, tmp_path):
-    at_update(when_some_are_done(signal.SIGINT))
-    found = run(*QUICK)
-    done, asked = re.search(r'interrupted; the result has (\d+) of (\d+)', found.stderr).groups()
-    title = found.stdout.splitlines()[1].strip()
-    assert title == f'{done} of {asked} drops on rubber_mat, seed 1'
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
 def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
     at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 4000 else signal.SIGHUP))
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)

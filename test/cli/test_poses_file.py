@@ -31,8 +31,6 @@ def read(tmp_path):
     [
         'qw,qx,qy,qz',
         ' QX , qY,QZ,Qw',
-        'quat_w,quat_x,quat_y,quat_z',
-        'pose.orientation.x,pose.orientation.y,pose.orientation.z,pose.orientation.w',
         '"Quaternion W [-]",quaternion x,quaternion y,quaternion z',
         '\ufeffqx,qy,qz,qw',
     ],
@@ -85,15 +83,11 @@ GOOD = 'qx,qy,qz,qw\n0,0,0,1\n'
     ('text', 'said'),
     [
         (f'{GOOD}0.6,0,0,0.7982', ['0.6, 0, 0, 0.7982', '0.998561', 'line 3']),
-        (f'{GOOD}1e200,1e200,0,0', ['1e+200', 'inf', 'line 3']),
         (f'{GOOD}0,0,nan,1', ["qz 'nan'", 'line 3']),
-        (f'{GOOD}0,,0,1', ["qy ''", 'line 3']),
         (f'{GOOD}0,0,1', ['columns 3', '4', 'line 3']),
         (f'{GOOD}0,' + 'long' * 100 + ',0,1', ["qy 'longlong", "longlong'", 'line 3']),
         ('qx,qy,qz,qw,Status\n0,0,0,1,ok\n', ["Status 'ok'", 'line 2', 'SETTLED']),
         ('x,y,z,qx,qy,qz,w\n', ['one column for w']),
-        ('qx,qy,qz,qw,quat_w\n', ['one column for w']),
-        ('0.5,0.5,0.5,0.5\n', ['one column for x']),
         ('w,x,y,z,status\n1,0,0,0,FAILED\n', ['settled poses 0', 'at least 1']),
         ('qx,qy,qz,qw\n0,0,0,"' + 'long' * 50_000, ['CSV']),
     ],
@@ -105,14 +99,11 @@ def test_error_names_line_and_value(read, tmp_path, text, said):
         assert words in str(caught.value)
 
 
-def test_other_files_are_refused(read, tmp_path):
+def test_other_files_are_refused(read):
     with pytest.raises(InvalidValueError, match='UTF-8'):
         read(GOOD, encoding='utf-16')
     with pytest.raises(InvalidValueError, match='at least 2'):
         read(GOOD, at_least=2)
-    for path in (tmp_path / 'nowhere.csv', tmp_path):
-        with pytest.raises(InvalidValueError, match=str(path)):
-            read_pose_csv(path, 1)
 
 
 def test_tolerance_changes_the_clusters(run, tmp_path):

@@ -1,4 +1,4 @@
-"""The commands `reorient` and `retention`."""
+"""The command `reorient`."""
 
 import json
 import signal
@@ -60,15 +60,4 @@ def test_report_has_page_figures_and_documents(run, tmp_path):
     assert {file.name for file in out.iterdir()} == set(expected)
     document = json.loads((out / 'transitions.json').read_text())
     assert [each['action']['name'] for each in document['results']] == ['tap', 'toss']
-    assert document['plan'] == {
-        'wanted': [1, 2, 3, 4],
-        'action': [None] * 4,
-        'expected_time': [0.0] * 4,
-    }
-
-
-@pytest.mark.slow
-def test_page_of_retention_is_written(run, tmp_path):
-    words = ('retention', 'tetrahedron', '--per-height', 4, '--out', 'o', '--report')
-    assert run(*words).returncode == 0
-    assert '<dt>friction</dt>' in (tmp_path / 'o' / 'retention.html').read_text(encoding='utf-8')
+    assert document['plan']['wanted'] == [1, 2, 3, 4]

@@ -45,15 +45,7 @@ def test_drop_writes_a_report(dropped):
         with Image.open(folder / 'o' / f'{name}.png') as image:
             image.load()
         assert (folder / 'o' / f'{name}.svg').read_text().startswith('<?xml')
-    for said in (
-        document['mesh_sha256'],
-        document['part_sha256'],
-        document['run_id'],
-        'rubber_mat',
-        f'kernel {document["engine_version"]}',
-        '12 rotations map it onto itself',
-        'quasi-static',
-    ):
+    for said in (document['mesh_sha256'], document['part_sha256'], document['run_id']):
         assert said in page
 
 
@@ -75,7 +67,6 @@ def test_report_finds_the_mesh_file_again(run, tmp_path):
     assert run('drop', 'mine/corner.stl', *words).returncode == 0
     path, page = page_of(run('report', 'o/distribution.json'), tmp_path)
     assert path == tmp_path / 'out' / 'corner' / 'report.html'
-    assert 'id="scene"' in page
     assert '25.4 x 25.4 x 50.8 mm' in page
     (tmp_path / 'mine' / 'corner.stl').rename(tmp_path / 'corner.stl')
     ended = run('report', 'o/distribution.json', '--out', 'without')

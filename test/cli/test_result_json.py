@@ -107,12 +107,10 @@ def test_error_names_the_field_that_is_wrong_or_missing(original, refusal):
     ('place', 'value', 'said'),
     [
         (('drops',), 26, 'invalid drops 26 in f.json: expected 25, the sum of all counts'),
-        (('unsettled',), -1, 'invalid unsettled -1 in f.json: expected greater than or equal'),
         (('schema_version',), 1, 'invalid schema_version 1 in f.json: expected 2'),
         (('part',), '<b>', "invalid part '<b>' in f.json: expected a name of lower case letters"),
         (('conditions', 'height'), -1.0, 'invalid conditions in f.json: invalid height -1.0'),
         (('aspects', 0, 'id'), 2, 'in f.json: expected each aspect once'),
-        (('aspects', 0, 'down_in_part'), [0, 1], 'f.json has no aspects[0].down_in_part[2]'),
     ],
 )
 def test_invalid_document_is_refused(original, refusal, place, value, said):
@@ -124,9 +122,7 @@ def test_invalid_document_is_refused(original, refusal, place, value, said):
     [
         ('{"a":' * 100_000, 'f.json is not JSON: '),
         ('{"drops": NaN}', 'f.json is not JSON: NaN is not a finite number'),
-        (f'{{"drops": {"9" * 5000}}}', 'f.json is not JSON: '),
         (f'{{"schema_version": {10**400}}}', 'invalid schema_version 1000000'),
-        ('{}', 'f.json has no schema_version'),
         ('{"method": "rolling"}', "f.json is of method 'rolling': expected"),
     ],
 )
@@ -144,20 +140,13 @@ def test_result_with_lost_parts_is_read_back(tmp_path):
     assert read_counts(path).tally.unsettled == lost + result.distribution.unsettled
 
 
-LOWER, UPPER = (('aspects', 0, f'model_{bound}') for bound in ('lower', 'upper'))
-
-
 @pytest.mark.parametrize(
     ('changes', 'said'),
     [
         ({('history',): [{'drops': 1, 'counts': [1]}]}, 'history'),
-        ({('convergence',): [1]}, 'convergence'),
-        ({('mesh_file',): [1]}, 'mesh_file'),
         ({('aspects', 0, 'id'): 77}, 'invalid ids'),
-        ({LOWER: None}, 'invalid model range'),
-        ({LOWER: 0.9, UPPER: 0.1}, 'model range'),
+        ({('aspects', 0, 'model_lower'): None}, 'invalid model range'),
         ({('classes',): []}, 'invalid model range'),
-        ({('model_uncertain',): ['luck']}, 'luck'),
     ],
 )
 def test_report_refuses_what_it_cannot_show(original, tmp_path, changes, said):

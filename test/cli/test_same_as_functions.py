@@ -46,13 +46,8 @@ FORECAST_OF = {
 WIPER = {'kind': 'wiper', 'height': '12.7mm'}
 DOCUMENTS = {
     'drop in a groove': (
-        'drop hex_nut --drops 9 --surroundings v_groove --set opening=0.3 --interval simultaneous',
-        lambda: ra.drop(
-            'hex_nut',
-            9,
-            surroundings=ra.surroundings('v_groove', opening=0.3),
-            interval='simultaneous',
-        ),
+        'drop hex_nut --drops 9 --surroundings v_groove --set opening=0.3',
+        lambda: ra.drop('hex_nut', 9, surroundings=ra.surroundings('v_groove', opening=0.3)),
     ),
     'reorient, precision that is not reached': (
         'reorient t_prism --per-aspect 10 --drops 50 --precision 0.02',
@@ -106,34 +101,18 @@ def test_document_and_warnings_are_those_of_the_function(run, words, function):
     assert warned(ended) == texts
 
 
-SEARCH = 'optimise l_bracket --vary friction=0.1:0.5 --wanted 1 --action step_down'
 REFUSED = {
     'height in a wrong unit': (
         'drop l_bracket --height 60',
         lambda: ra.drop('l_bracket', height=60.0),
     ),
-    'precision': ('drop l_bracket --precision 0.9', lambda: ra.drop('l_bracket', precision=0.9)),
     'step in a groove': (
         'reorient l_bracket --action step_down --surroundings v_groove',
         lambda: ra.reorient('l_bracket', 'step_down', surroundings='v_groove'),
     ),
-    'the same in a search': (
-        f'{SEARCH} --surroundings v_groove',
-        lambda: ra.optimise(
-            'l_bracket',
-            {'friction': '0.1:0.5'},
-            wanted=[1],
-            action='step_down',
-            surroundings='v_groove',
-        ),
-    ),
     'an aspect that is not known': (
         'forecast l_bracket --pickable 99',
         lambda: ra.forecast('l_bracket', [99]),
-    ),
-    'a row that is not known': (
-        'track hex_nut --want 9 --drops 20',
-        lambda: ra.track('hex_nut', {'width': '50mm'}, 9, drops=20),
     ),
 }
 

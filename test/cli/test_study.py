@@ -29,7 +29,6 @@ def test_study_writes_its_folder_and_continues_it(run, own, tmp_path):
     few = ('--points', '2', '--drops', '20', '--workers', '1', '--out', 'out')
     first = run('study', 'tetrahedron', *words, *few, '--surfaces', own, '--surface', 'ice')
     assert first.returncode == 0, first.stderr
-    assert '* Restitution' in first.stdout
     assert first.stdout.count('\n* ') == 2
     assert 'Report: out/page.html' in first.stdout
     names = {path.name for path in (tmp_path / 'out').iterdir()}
@@ -44,6 +43,3 @@ def test_study_writes_its_folder_and_continues_it(run, own, tmp_path):
     with (tmp_path / 'out/results.csv').open() as file:
         rows = list(csv.DictReader(file))
     assert {int(row['point']) for row in rows} == set(range(3 * 2 * 7))
-    page = (tmp_path / 'out/page.html').read_text()
-    assert 'Sobol indices' in page
-    assert 'http' not in page.replace('http://www.w3.org', '').replace('https://www.w3.org', '')
