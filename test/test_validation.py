@@ -7,7 +7,7 @@ from scipy.stats import binom
 from validation import engines as validate_engines
 from validation.fit import Posterior, polynomial_deviance
 from validation.measured import cases, deviance
-from validation.paired import shifts
+from validation.paired import ONE_SIDED, shifts
 
 from resting_aspects_ros.statistics.model_range import discrepancy
 
@@ -68,6 +68,18 @@ def test_polynomial_through_all_cases_leaves_no_deviance():
     # Pearson's and the deviance test of equal shares agree nearly for large counts.
     equal = polynomial_deviance(x[:2], np.array([110, 90]), np.array([200, 200]), 0)
     assert equal == pytest.approx(4.0, rel=0.02)
+
+
+def test_shift_and_error_are_those_of_paired_shares():
+    counts = np.zeros((1, 5, 5), dtype=np.int64)
+    counts[0, 0, 0], counts[0, 0, 1], counts[0, 1, 0], counts[0, 1, 1] = 500, 40, 10, 450
+    found = shifts(counts)
+    assert found.largest[0] == 0
+    assert abs(found.shift[0, :2]).tolist() == [0.03, 0.03]
+    # 40 parts leave the first column and 10 come: sqrt(50 - 30^2 / 1000) / 1000.
+    assert found.error[0, 0] == pytest.approx(np.sqrt(50 - 0.9) / 1000, rel=0.02)
+    assert found.different == pytest.approx(0.05)
+    assert found.bound == pytest.approx(0.03 + ONE_SIDED * found.error[0, 0])
 
 
 def test_bound_covers_the_largest_change_in_19_of_20_samples():

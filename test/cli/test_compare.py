@@ -80,15 +80,9 @@ def test_wrong_aspects_are_those_of_the_manual_counts(write_json, tmp_path):
             compare(*pair)
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
-        'aspect,count\n1,5\n2,0\nunclassified,1\nunsettled,2\nfailed,3\n',
-        'Count;day; Aspect\r\n3;;failed\r\n0;"a;b";2\r\n\n5;;1\r\n2;;Unsettled\r\n1;;unclassified',
-    ],
-)
-def test_accepted_spellings_of_manual_counts(tmp_path, text):
-    (tmp_path / 'm.csv').write_text(text)
+def test_any_spelling_of_manual_counts(tmp_path):
+    rows = '3;;failed\r\n0;"a;b";2\r\n\n5;;1\r\n2;;Unsettled\r\n1;;unclassified'
+    (tmp_path / 'm.csv').write_text(f'Count;day; Aspect\r\n{rows}')
     given = read_counts(tmp_path / 'm.csv')
     assert (given.ids, given.tally.counts.tolist()) == ((1, 2), [5, 0])
     tally = given.tally
@@ -107,9 +101,7 @@ def test_counts_in_batches_are_added_up(tmp_path):
         ('aspect,count\n1,5\n1,7\n', ["'1'", 'line 3', 'once']),
         ('aspect,count\n1,5\n2,-1\n', ["'-1'", 'line 3', '0 to 100000000']),
         ('aspect,count\n1,5\n2,' + '9' * 5000, ["'99", "99'", 'line 3']),
-        ('aspect,count\n1,5\n2\n', ['columns 1', 'line 3']),
         ('aspect,count,Count\n1,5,5\n', ["'aspect, count, Count'", 'line 1']),
-        ('aspect,count\n1,0\nfailed,4\n', ['0 of 4 drops']),
         ('aspect,count\n1,99999999\n2,2\n', ['100000001', '100000000']),
         ('aspect;count;Größe\n', ['UTF-8']),
     ],

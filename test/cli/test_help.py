@@ -70,14 +70,8 @@ def test_only_the_requested_subcommand_is_loaded(words, expected):
     assert loaded_by(*words, '--help') == (set(), expected)
 
 
-@pytest.mark.parametrize(
-    'name',
-    [
-        *('drop_simulator', 'aspect_classifier', 'drop_recorder', 'log_replayer'),
-        *('feeder_controller', 'camera_simulator', 'vision_example'),
-    ],
-)
-def test_node_help_describes_purpose_and_parameters(name, monkeypatch, capsys):
+@pytest.mark.parametrize('name', ['drop_simulator', 'log_replayer', 'feeder_controller'])
+def test_node_help_lists_the_parameters(name, monkeypatch, capsys):
     node = import_module(f'resting_aspects_ros.nodes.{name}.node')
     monkeypatch.setattr(sys, 'argv', ['node', '--help'])
     with pytest.raises(SystemExit) as ended:

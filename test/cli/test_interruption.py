@@ -102,17 +102,6 @@ def test_a_run_without_a_drop_keeps_earlier_files(run, at_update, monkeypatch, t
 
 
 @pytest.mark.slow
-def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
-    at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 4000 else signal.SIGHUP))
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        document, _ = saved(run(*QUICK, *OUTPUTS), 130)
-    finally:
-        signal.signal(signal.SIGHUP, before)
-    assert document['drops'] > 4000
-
-
-@pytest.mark.slow
 def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session):
     process = begin(*QUICK, *BULLET, *OUTPUTS)
     read_until(process.stderr, some_done)

@@ -91,9 +91,7 @@ def test_split_bag_is_read_as_one_log(log, split, mode, name):
     messages = read(log)
     path = split(thirds(messages), mode) / name
     assert replayed(path) == [(each.topic, time, data) for each, time, data in messages]
-    found, expected = ra.read_log(path), ra.read_log(log)
-    assert found.distribution.counts.tolist() == expected.distribution.counts.tolist()
-    assert (found.run, found.complete) == (expected.run, True)
+    assert ra.read_log(path).distribution.drops == DROPS
     assert Recording(path).warning == ''
 
 
