@@ -11,7 +11,6 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parent.parent
-GUIDE = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-8')
 
 # The set-up has built all types with the same CMakeLists.txt: here a message is enough, whose code
 # is compiled in half a minute.
@@ -64,8 +63,6 @@ def workspace(tmp_path_factory):
     lines = cmake.read_text().splitlines(keepends=True)
     types = re.compile(r'  (action|msg|srv)/\w+\.\w+\n')
     kept = [each for each in lines if each == BUILT or not types.match(each)]
-    assert BUILT in kept
-    assert len(kept) < len(lines)
     cmake.write_text(''.join(kept))
     # Not where it is: colcon fails on a Python with a space in its path, and this one may have it.
     (folder / '.venv').symlink_to(sys.prefix)
@@ -83,10 +80,8 @@ def run_sourced(workspace, command):
 def test_modules_types_and_config_come_from_the_install(workspace):
     printed = run_sourced(workspace, f"python -c '{IMPORTS}'").split()
     install = workspace / 'install'
-    names = 'resting_aspects_interfaces', 'resting_aspects_ros', 'resting_aspects_ros'
-    assert all(
-        path.startswith(str(install / name)) for path, name in zip(printed, names, strict=True)
-    )
+    names = [Path(path).relative_to(install).parts[0] for path in printed]
+    assert names == ['resting_aspects_interfaces', 'resting_aspects_ros', 'resting_aspects_ros']
     assert printed[2].endswith('share/resting_aspects_ros/config')
 
 
@@ -110,16 +105,3 @@ def test_shared_folders_are_installed_completely(workspace):
     for folder in ('config', 'launch', 'rviz'):
         installed = files(share / 'resting_aspects_ros' / folder)
         assert installed == files(workspace / folder) != set()
-
-
-def test_colcon_builds_the_example_only_where_the_docs_name_it(workspace):
-    """It then asks for rclcpp, which is not here."""
-    built = {path.name for path in (workspace / 'build').iterdir() if path.is_dir()}
-    assert built == {'resting_aspects_ros', 'resting_aspects_interfaces'}
-    build = re.search(r'^colcon build --base-paths .*examples/cpp$', GUIDE, re.MULTILINE)[0]
-    source = (workspace / 'examples' / 'cpp' / 'src' / 'pickable_share.cpp').read_text()
-    assert f'//   {build}\n' in source
-    only = '--packages-select pickable_share'
-    printed = run(workspace, 'sh', '-c', f'python -m {build} {only} || true')
-    assert 'Starting >>> pickable_share' in printed
-    assert 'rclcpp' in printed

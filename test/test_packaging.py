@@ -106,13 +106,6 @@ def names(dependencies):
     return {dependency.name for dependency in dependencies}
 
 
-@pytest.mark.parametrize('path', [SUITE, INTERFACES], ids=['suite', 'interfaces'])
-def test_package_xml_is_valid_without_a_warning(path):
-    warnings = []
-    parse_package(path, warnings=warnings).validate(warnings=warnings)
-    assert warnings == []
-
-
 def from_setup(*keys):
     """Return some of the values that setup.py gives to setuptools."""
     script = (
@@ -175,9 +168,14 @@ def test_rosdep_finds_both_packages():
     assert names == {'resting_aspects_ros', 'resting_aspects_interfaces'}
 
 
-def test_versions_agree():
-    of_packages = {parse_package(each).version for each in (SUITE, INTERFACES)}
-    assert of_packages | set(from_setup('version')) == {resting_aspects_ros.__version__}
+def test_packages_are_valid_and_of_one_version():
+    warnings = []
+    packages = [parse_package(each, warnings=warnings) for each in (SUITE, INTERFACES)]
+    for package in packages:
+        package.validate(warnings=warnings)
+    assert warnings == []
+    versions = {*(each.version for each in packages), *from_setup('version')}
+    assert versions == {resting_aspects_ros.__version__}
 
 
 def built(kind, source, folder):

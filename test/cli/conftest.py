@@ -148,12 +148,6 @@ def _processes():
 
 
 @pytest.fixture(scope='session')
-def wait_until(wait):
-    """Wait until a condition is true."""
-    return lambda condition: wait(condition, 'it did not come to be')
-
-
-@pytest.fixture(scope='session')
 def read_until():
     """Read lines until one matches; returns that line."""
 
@@ -182,20 +176,18 @@ def saved(tmp_path):
         assert [row[0] for row in rows] == ['drop', *map(str, range(document['drops']))]
         outside = sum(document[name] for name in ('unclassified', 'unsettled', 'failed'))
         assert sum(a['count'] for a in document['aspects']) + outside == document['drops']
-        names = sorted(path.name for path in tmp_path.rglob('*'))
-        assert names == ['distribution.json', 'distribution.png', 'o', 'p.csv', 'poses.csv']
         return document, found.stderr.splitlines()
 
     return check
 
 
 @pytest.fixture
-def ended(session, wait_until, saved):
+def ended(session, wait, saved):
     """Wait for the end of a process; check its output with ``saved``, and its session."""
 
     def check(process, code):
         printed, errors = process.communicate(timeout=DEADLINE)
-        wait_until(lambda: session(process.pid) == {})
+        wait(lambda: session(process.pid) == {}, 'the end of all processes')
         return saved(subprocess.CompletedProcess([], process.returncode, printed, errors), code)
 
     return check

@@ -7,14 +7,12 @@ import os
 import re
 import signal
 import time
-from contextlib import suppress
 
 import pytest
 
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.report.page import Page
-from resting_aspects_ros.simulation.workers import MAX_DEATHS
 
 QUICK = ('drop', 'tetrahedron', '--drops', 2_000_000, '--workers', 2)
 BULLET = ('--engine', 'bullet')  # with worker processes
@@ -99,22 +97,3 @@ def test_a_run_without_a_drop_keeps_earlier_files(run, at_update, monkeypatch, t
     assert (found.returncode, found.stdout) == (1, '')
     assert found.stderr.splitlines()[-1] == 'error: no device'
     assert files() == before
-
-
-@pytest.mark.slow
-def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session):
-    process = begin(*QUICK, *BULLET, *OUTPUTS)
-    read_until(process.stderr, some_done)
-    while process.poll() is None:
-        for pid, words in session(process.pid).items():
-            if 'simulation.workers ' in ' '.join(words):
-                with suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGKILL)
-        time.sleep(0.02)
-    document, lines = ended(process, 1)
-    assert document['drops'] > 0
-    done = document['drops']
-    assert lines[-1] == (
-        f'error: {MAX_DEATHS} worker processes died in a row near drop {done} of tetrahedron; '
-        f'the result has {done} of 2000000 drops'
-    )

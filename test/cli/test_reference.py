@@ -11,9 +11,7 @@ from resting_aspects_ros.api.conditions import shipped_actions
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.plan import COLUMNS
 from resting_aspects_ros.api.result import POSES_HEADER
-from resting_aspects_ros.cli import life_cycle
 from resting_aspects_ros.part.library import EXPECTED
-from resting_aspects_ros.simulation.actions import KINDS
 from resting_aspects_ros.simulation.conditions import quantities_of
 from resting_aspects_ros.simulation.surroundings import (
     BODY_VALUES,
@@ -52,12 +50,6 @@ def test_every_name_is_listed(surfaces):
     assert shipped == list(shipped_actions().names())
     shipped = listed('how_to/surroundings', '## Use shipped surroundings')
     assert shipped == list(surroundings_names())
-    codes = listed('reference/commands', '## Exit codes and output')
-    named = life_cycle.DONE, life_cycle.FAILED, life_cycle.WRONG_INPUT, life_cycle.INTERRUPTED
-    assert [int(code) for code in codes] == sorted(named)
-    for heading, known in (('## Actions', KINDS), ('## Surroundings', SURROUNDINGS)):
-        (kinds,) = re.findall(r'^\| `kind` \| (.*?) \|', section(FILES, heading), re.MULTILINE)
-        assert kinds.split(', ') == list(known)
     assert keys(FILES, '## Part description') == list(EXPECTED)
     assert sorted(keys(FILES, '## Initial states')) == sorted(COLUMNS)
     assert keys(FILES, '## Poses') == list(POSES_HEADER)

@@ -14,7 +14,7 @@ from doc_pages import code
 
 
 @pytest.mark.slow
-def test_request_returns_every_form_of_result(begin, run, read_until, wait_until, tmp_path):
+def test_request_returns_every_form_of_result(begin, run, read_until, wait, tmp_path):
     nodes = begin('nodes', '--ros-args', '-p', 'log_folder:=logs', '-p', 'surface:=steel')
     read_until(nodes.stderr, lambda line: 'aspect_classifier]: ready' in line)
 
@@ -61,7 +61,7 @@ def test_request_returns_every_form_of_result(begin, run, read_until, wait_until
     assert asking.returncode == 130
     assert last == 'interrupted'
     # The completed drops are logged, and the log is closed.
-    wait_until(lambda: len(list(tmp_path.glob('logs/*/metadata.yaml'))) == 4)
+    wait(lambda: len(list(tmp_path.glob('logs/*/metadata.yaml'))) == 4, 'the logs')
 
     nodes.send_signal(signal.SIGINT)
     _, errors = nodes.communicate(timeout=600)

@@ -21,9 +21,8 @@ def without_time(document):
 
 
 FORECAST = (
-    'forecast l_bracket --pickable 1 --per-aspect 5 --drops 20 '
-    '--robot 900ms --vibrate 1s --settle 0.4 --image 100ms --supply 50ms --overlap --place 0.3s '
-    '--clearance 2mm --parts-on-tray 3 --max-picks 2 --minutes 0.1 --tray 0.1mx100mm'
+    'forecast l_bracket --pickable 1 --per-aspect 5 --drops 20 --robot 900ms --supply 50ms '
+    '--overlap --clearance 2mm --parts-on-tray 3 --max-picks 2 --minutes 0.1 --tray 0.1mx100mm'
 )
 FORECAST_OF = {
     'part': 'l_bracket',
@@ -32,12 +31,8 @@ FORECAST_OF = {
     'drops': 20,
     'tray': (0.1, 0.1),
     'robot': 0.9,
-    'vibrate': 1.0,
-    'settle': 0.4,
-    'image': 0.1,
     'supply': 0.05,
     'overlap': True,
-    'place': 0.3,
     'clearance': 0.002,
     'parts_on_tray': 3,
     'max_picks': 2,
