@@ -12,7 +12,6 @@ from zipfile import ZipFile
 
 import pytest
 from catkin_pkg.package import parse_package
-from catkin_pkg.packages import find_packages
 
 import resting_aspects_ros
 
@@ -157,15 +156,6 @@ def test_interface_package_declares_its_dependencies():
     cmake = (folder / 'CMakeLists.txt').read_text()
     assert used <= names(parse_package(INTERFACES).build_depends)
     assert used == set(re.search(r'DEPENDENCIES([\w\s]+)', cmake)[1].split())
-
-
-def test_rosdep_finds_both_packages():
-    """It looks for no package within a package."""
-    guide = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-8')
-    line = re.search(r'rosdep install --from-paths (.+?) --', guide)
-    found = [find_packages(ROOT / path) for path in line[1].split()]
-    names = {package.name for packages in found for package in packages.values()}
-    assert names == {'resting_aspects_ros', 'resting_aspects_interfaces'}
 
 
 def test_packages_are_valid_and_of_one_version():

@@ -3,40 +3,32 @@
 import dataclasses
 import json
 
-import numpy as np
 import pytest
 from scipy.stats import chi2_contingency
 
+import resting_aspects_ros as ra
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
-from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.report.document import distribution_document, to_json
-from resting_aspects_ros.simulation.job import plan_run
-from resting_aspects_ros.statistics.distribution import Distribution
 
-COUNTS = [60, 55, 48, 25, 12]
+
+@pytest.fixture(scope='module')
+def dropped():
+    return ra.drop('l_bracket', 200, seed=3, keep_poses=False, model_range=False)
 
 
 @pytest.fixture
-def write_json(part, surfaces, tmp_path):
-    """Write a document of 200 drops of the L bracket like `drop`."""
-    bracket = part('l_bracket')
-    _, planned = plan_run(
-        bracket, surfaces.get(), seed=3, drops=200, run_id='4f1c', started=10**18
-    )
-    counted = Distribution(find_aspects(bracket), np.array(COUNTS), 0, 0, 0)
+def write_json(dropped, tmp_path):
+    """Write the document of 200 drops, with changes of its run."""
 
     def write(name, **changes):
-        run = dataclasses.replace(planned, **changes)
-        given = {'method': 'drops', 'complete': True, 'drops_asked': run.drops}
-        document = distribution_document(counted, run.document() | given)
-        (tmp_path / name).write_text(to_json(document), encoding='utf-8')
+        run = dataclasses.replace(dropped.run, **changes)
+        dataclasses.replace(dropped, run=run).save_json(tmp_path / name)
 
     return write
 
 
-def test_compare_drops_with_manual_counts(run, write_json, tmp_path):
+def test_compare_drops_with_manual_counts(run, dropped, write_json, tmp_path):
     write_json('a')  # any name is accepted
     counted = 'aspect,count\n1,61\n2,70\n3,50\n4,15\n5,14\nunsettled,3\n'
     (tmp_path / 'm.csv').write_text(counted)
@@ -44,7 +36,7 @@ def test_compare_drops_with_manual_counts(run, write_json, tmp_path):
     assert (ended.returncode, ended.stderr) == (0, '')
     found = json.loads(ended.stdout)
     table = [[aspect[side]['count'] for aspect in found['aspects']] for side in 'ab']
-    assert table == [COUNTS, [61, 70, 50, 15, 14]]
+    assert table == [dropped.distribution.counts.tolist(), [61, 70, 50, 15, 14]]
     assert (found['a']['drops'], found['b']['drops'], found['b']['unsettled']) == (200, 213, 3)
     assert found['p_value'] == pytest.approx(chi2_contingency(table, correction=False).pvalue)
 

@@ -24,14 +24,12 @@ CASES = {
     'drop tetrahedron --friktion 1': ['--friktion', '--friction'],
     'reorient tetrahedron --export map.json': ['--export', 'resting_aspects reorient --help'],
     'forecast tetrahedron --pickable 1 3': ['3', '1,3'],
-    'drop tetrahedron --workers 2 --scheduler tcp://127.0.0.1:1': ['--scheduler', '--workers'],
     # Numbers with units, and mesh files.
     'drop tetrahedron --height -3mm': ['height', '-0.003'],
     'drop tetrahedron --drops 1e999999999': ['--drops', '1e999999999'],
     'drop box': ["'box'", "'box.obj'"],
     'drop': ['part', '--from-log'],
     # Output files are checked before the drops.
-    'drop l_bracket --out folder': ['--out', "'folder/distribution.png'"],
     'drop l_bracket --log text.mcap': ['--log', "'text.mcap'"],
     'drop l_bracket --report': ['--report', 'l_bracket'],
     'drop l_bracket --table t.ods': ['--table', "'t.ods'"],
@@ -39,7 +37,6 @@ CASES = {
     'drop tetrahedron hex_nut --json': ['--json', 'single part'],
     'drop tetrahedron --replicates 2': ['--replicates', '--initial-states'],
     'drop --from-log log --seed 0': ['--seed', "'0'", '--from-log'],
-    'drop tetrahedron hex_nut --engine bullet': ['--engine', "'bullet'", 'single part'],
     'drop tetrahedron --initial-states states.csv --height 1m': ['--height', "'1.0'"],
     'classify poses.csv --unit mm': ['--unit', "'mm'", '--part'],
     'drift l_bracket counts.csv --expected counts.csv --drops 50': ['--drops', "'50'"],
@@ -49,7 +46,6 @@ CASES = {
     'reorient l_bracket --action tap,toss --speed 1': ['--action', '--speed'],
     'report log --part l_bracket': ['--part', "'l_bracket'"],
     'study tetrahedron': ['--vary'],
-    'study missing.yaml hex_nut': ["'hex_nut'", "'missing.yaml'"],
     'track hex_nut --on wiper_and_balcony --roll 5deg': ['roll', '--on'],
     # Values that a command parses.
     'drift l_bracket counts.csv --shift 5': ['--shift', "'5'", '5%'],
@@ -67,7 +63,6 @@ CASES = {
     'drop tetrahedron --set angle=9deg': ["'angle=9deg'", '--surroundings'],
     # Files that only commands read.
     'info nowhere': ["'nowhere'", 'No such file'],
-    'info logs': ["'logs'", 'no .mcap file'],
     'drop --from-log text.mcap': ["'text.mcap'", "b'hello'"],
     'report seen.json': ["'seen.json'", 'schema_version'],
 }
@@ -77,11 +72,9 @@ CASES = {
 def test_wrong_input_is_refused(refused, tmp_path, command):
     for name, text in FILES.items():
         (tmp_path / name).write_text(text, encoding='utf-8')
-    (tmp_path / 'folder' / 'distribution.png').mkdir(parents=True)
     trimesh.creation.box((10, 20, 30)).export(tmp_path / 'box.obj')
-    for folder in ('log', 'logs/a'):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / 'logs' / 'a' / 'a_0.mcap').touch()
+    for folder in ('folder', 'log'):
+        (tmp_path / folder).mkdir()
     (tmp_path / 'out').touch()  # in place of the default folder
     line = refused(*shlex.split(command))
     for said in CASES[command]:
