@@ -93,15 +93,3 @@ def test_executables_are_where_ros2_run_looks(workspace):
         'feeder_controller', 'log_replayer', 'camera_simulator', 'vision_example'
     }  # fmt: skip
     assert 'usage: resting_aspects' in run_sourced(workspace, f'{folder}/resting_aspects --help')
-
-
-def test_shared_folders_are_installed_completely(workspace):
-    share = workspace / 'install' / 'resting_aspects_ros' / 'share'
-    assert (share / 'ament_index/resource_index/packages/resting_aspects_ros').exists()
-
-    def files(folder):
-        return {path.relative_to(folder) for path in folder.rglob('*') if path.is_file()}
-
-    for folder in ('config', 'launch', 'rviz'):
-        installed = files(share / 'resting_aspects_ros' / folder)
-        assert installed == files(workspace / folder) != set()

@@ -6,20 +6,10 @@ from scipy.special import expit
 from scipy.stats import binom
 from validation import engines as validate_engines
 from validation.fit import Posterior, polynomial_deviance
-from validation.measured import cases, deviance
+from validation.measured import deviance
 from validation.paired import ONE_SIDED, shifts
 
 from resting_aspects_ros.statistics.model_range import discrepancy
-
-
-@pytest.mark.slow
-def test_counted_sides_are_some_aspects_of_the_bodies():
-    known = cases()
-    assert len(known) == 12
-    assert all(0 < case.count < case.rolls for case in known)
-    (side,) = (case for case in known if case.name.endswith('on its side'))
-    assert 0 < len(side.ids) < len(side.aspects)
-    assert [a.rolls for a in side.aspects if a.id in side.ids] == [True]
 
 
 def test_deviance_is_twice_the_log_likelihood_ratio():

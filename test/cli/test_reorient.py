@@ -47,17 +47,3 @@ def test_ctrl_c_in_the_check_keeps_the_result(run, tmp_path, monkeypatch):
     assert document['action']['time'] == 2
     assert (document['complete'], sum(document['actions'])) == (True, 40)
     assert 'convergence' not in document
-
-
-@pytest.mark.slow
-def test_report_has_page_figures_and_documents(run, tmp_path):
-    ended = run(*WORDS, '--action', 'tap,toss', '--wanted-classes', '1', '--report')
-    assert 'Report: out/tetrahedron/reorientation.html' in ended.stdout
-    out = tmp_path / 'out' / 'tetrahedron'
-    figures = [f'transitions_{action}' for action in ('tap', 'toss')]
-    expected = [f'{name}.{ending}' for name in figures for ending in ('png', 'svg')]
-    expected += ['reorientation.html', 'transitions.json', 'roadmap.json']
-    assert {file.name for file in out.iterdir()} == set(expected)
-    document = json.loads((out / 'transitions.json').read_text())
-    assert [each['action']['name'] for each in document['results']] == ['tap', 'toss']
-    assert document['plan']['wanted'] == [1, 2, 3, 4]
