@@ -221,11 +221,11 @@ def energy_text(growth: float, part: Part | None) -> str:
 
 
 def part_facts(
-    part: Part | None, run: RunDescription, aspects: AspectSet
+    part: Part | None, run: RunDescription, aspects: AspectSet | None
 ) -> list[tuple[str, str]]:
     """Return label and value of each property of a part, which may not be available."""
     hashes = [('part sha256', run.part_sha256)]
-    if part is None:
+    if part is None or aspects is None:
         return [('name', run.part), *hashes]
     symmetry = aspects.symmetry
     return [

@@ -70,9 +70,10 @@ def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path)
         yield from draw(page)
 
     monkeypatch.setattr(Page, 'files', interrupted)
-    found = run('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o', '--table', 't.csv')
+    words = ('drop', 'l_bracket', '--drops', 20, '--surroundings', 'l_chute')
+    found = run(*words, '--report', '--out', 'o', '--table', 't.csv')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
-    assert (tmp_path / 't.csv').exists()
+    assert (tmp_path / 't_2.csv').exists()  # of the contacts
     assert found.stdout.splitlines()[-1].startswith('Written: ')
     assert {file.name for file in (tmp_path / 'o').iterdir()} == {'distribution.json', 'poses.csv'}
 

@@ -40,10 +40,11 @@ def test_ctrl_c_in_the_check_keeps_the_result(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr(reorient, 'repeat_actions_in_finer_steps', interrupted)
     (tmp_path / 'mine.yaml').write_text('nudge: {kind: kick, speed: 0.01, time: 2}\n')
-    ended = run(*WORDS, '--actions', 'mine.yaml', '--check-convergence', '--json')
+    words = ('--actions', 'mine.yaml', '--action', 'nudge', '--speed', 0.02)
+    ended = run(*WORDS, *words, '--check-convergence', '--json')
     assert ended.returncode == 130
     assert ended.stderr.splitlines()[-1] == 'interrupted; the result has 40 actions'
     document = json.loads(ended.stdout)
-    assert document['action']['time'] == 2
+    assert (document['action']['speed'], document['action']['time']) == (0.02, 2)
     assert (document['complete'], sum(document['actions'])) == (True, 40)
     assert 'convergence' not in document

@@ -133,11 +133,10 @@ def _of_flags(
     parts = load_parts(arguments.parts)
     name = '_'.join(part.name for part in parts[:3])
     folder = arguments.out or Path('out') / f'study_{name}'
-    conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
     result = study.study(
         parts,
         parse_ranges(arguments.vary),
-        surface=conditions.changed(**options.changed_conditions(arguments)),
+        surface=options.requested_surface(arguments),
         surroundings=requested_surroundings(arguments.surroundings, arguments.set),
         action=arguments.action,
         out=folder,
