@@ -188,7 +188,7 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
     for each in forecasts:
         name = f'{each.title}: ' if several else ''
         yield Text(f'{name}{forecast_sentence(each)}.', 'verdict')
-    for note in dict.fromkeys(note for each in forecasts for note in forecast_notes(each)):
+    for note in dict.fromkeys(note for each in results for note in each.notes):
         yield Text(note, 'note')
     yield cell_text(forecasts[0])
     first, *others = results

@@ -49,6 +49,7 @@ from resting_aspects_ros.report.page import (
 from resting_aspects_ros.report.picture import contact_image, picture_part
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.report.transitions import (
+    actions_table,
     long_run_table,
     long_run_text,
     plan_table,
@@ -302,6 +303,7 @@ def reorientation_page(
     *,
     wanted: Sequence[int] = (),
     plan: 'PlanResult | None' = None,
+    each: bool = False,
 ) -> Page:
     """Return a page on one or several actions.
 
@@ -313,6 +315,8 @@ def reorientation_page(
         Ids of wanted aspects.
     plan : PlanResult or None
         The best plan, if it is to be shown.
+    each : bool
+        Whether tables have a row for each aspect, even for those that look the same.
     """
     first = results[0]
     names = [result.action.name for result in results]
@@ -321,10 +325,18 @@ def reorientation_page(
         Section(
             f'Action {result.action.name}',
             f'action-{number}',
-            list(_action_items(result, wanted, suffix_of(result.action.name, names))),
+            list(_action_items(result, wanted, suffix_of(result.action.name, names), each=each)),
         )
         for number, result in enumerate(results, start=1)
     ]
+    views = [result if each else result.by_class() for result in results]
+    shares = {v.action.name: v.long_run.shares for v in views if v.long_run is not None}
+    if len(shares) > 1:
+        rows = table_rows(first.matrix.aspects, by_class=not each)
+        mask = np.array([all(aspect.id in wanted for aspect in row) for row in rows])
+        drop = views[0].drop_shares
+        table = actions_table(rows, drop / drop.sum(), shares, mask, '')
+        sections.append(Section('Long run by action', 'actions', [table]))
     if plan is not None:
         sections.append(_plan_section(first, plan, wanted))
     return Page(
@@ -346,12 +358,14 @@ def reorientation_page(
     )
 
 
-def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) -> Iterator[Item]:
+def _action_items(
+    result: 'ReorientResult', wanted: Sequence[int], suffix: str, *, each: bool
+) -> Iterator[Item]:
     """Yield what the page shows of one action."""
     action, matrix = result.action, result.matrix
     low, high = matrix.actions.min(), matrix.actions.max()
-    each = f'{low}' if low == high else f'{low} to {high}'
-    yield f'{action.text}: {matrix.actions.sum()} actions, {each} from each aspect.'
+    number = f'{low}' if low == high else f'{low} to {high}'
+    yield f'{action.text}: {matrix.actions.sum()} actions, {number} from each aspect.'
     if not result.complete:
         yield Text(_incomplete(int(matrix.actions.sum()), result.run.drops, 'actions'), 'note')
     if not action.action.has_effect:
@@ -367,26 +381,30 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
         transition_note(matrix),
         partial(draw, result.title),
     )
-    yield transition_table(matrix, by_class=True)
+    yield transition_table(matrix, by_class=not each)
+    if matrix.sliding:
+        yield Text(f'Of the unsettled parts, {matrix.sliding} slide or roll for ever.', 'plain')
+    if result.pieces is not None:
+        yield Text(pieces_text(result.pieces, 'The edge meets'), 'plain')
     if result.convergence is not None:
         classes = map(aspects_text, matrix.aspects.classes())
         yield Text(result.convergence.text([*classes, *OUTCOMES]).replace('\n', ' '), 'plain')
     yield Text('Long run', 'part')
-    yield from _long_run_items(result)
+    yield from _long_run_items(result, each=each)
     if wanted and (matrix.actions > 0).all():
         yield Text(f'The way to {_wanted_text(result, wanted)}', 'part')
         yield from _way_items(result, wanted)
 
 
-def _long_run_items(result: 'ReorientResult') -> Iterator[Item]:
-    view = result.by_class()
+def _long_run_items(result: 'ReorientResult', *, each: bool) -> Iterator[Item]:
+    view = result if each else result.by_class()
     if view.long_run is None:
         yield (
             'The shares in the long run are not known: actions from each aspect, and drops that '
             'come to rest in an aspect, are needed for them.'
         )
         return
-    rows = table_rows(result.matrix.aspects, by_class=True)
+    rows = table_rows(result.matrix.aspects, by_class=not each)
     confidence = result.matrix.confidence
     table = long_run_table(
         rows, view.long_run, *view.long_run_bounds, view.drop_shares, '', confidence

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from resting_aspects_ros.api.forecast import (
     CLEARANCE,
     DEFAULT_ACTION,
