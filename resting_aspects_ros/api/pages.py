@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import (
     condition_facts,
@@ -49,6 +50,7 @@ from resting_aspects_ros.report.page import (
 from resting_aspects_ros.report.picture import contact_image, picture_part
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.report.transitions import (
+    Rows,
     actions_table,
     long_run_table,
     long_run_text,
@@ -72,7 +74,6 @@ from resting_aspects_ros.simulation.surroundings import (
     value_text,
 )
 from resting_aspects_ros.statistics.comparison import Comparison, DropCounts, compare
-from resting_aspects_ros.statistics.markov import wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 if TYPE_CHECKING:
@@ -333,8 +334,8 @@ def reorientation_page(
     shares = {v.action.name: v.long_run.shares for v in views if v.long_run is not None}
     if len(shares) > 1:
         rows = table_rows(first.matrix.aspects, by_class=not each)
-        mask = np.array([all(aspect.id in wanted for aspect in row) for row in rows])
         drop = views[0].drop_shares
+        mask = _wanted_rows(wanted, rows)
         table = actions_table(rows, drop / drop.sum(), shares, mask, '')
         sections.append(Section('Long run by action', 'actions', [table]))
     if plan is not None:
@@ -393,7 +394,7 @@ def _action_items(
     yield from _long_run_items(result, each=each)
     if wanted and (matrix.actions > 0).all():
         yield Text(f'The way to {_wanted_text(result, wanted)}', 'part')
-        yield from _way_items(result, wanted)
+        yield from _way_items(result, wanted, each=each)
 
 
 def _long_run_items(result: 'ReorientResult', *, each: bool) -> Iterator[Item]:
@@ -420,11 +421,15 @@ def _long_run_items(result: 'ReorientResult', *, each: bool) -> Iterator[Item]:
     )
 
 
-def _way_items(result: 'ReorientResult', wanted: Sequence[int]) -> Iterator[Item]:
+def _way_items(result: 'ReorientResult', wanted: Sequence[int], *, each: bool) -> Iterator[Item]:
     with analysis('the way to the wanted aspects'):
-        rows = table_rows(result.matrix.aspects, by_class=False)
-        mask = wanted_mask(wanted, len(rows))
-        yield wanted_table(rows, mask, *result.reach(wanted), '')
+        classes = [{aspect.id for aspect in row} for row in result.matrix.aspects.classes()]
+        # Where only a part of a class is wanted, its aspects differ.
+        by_class = not each and all(ids.isdisjoint(wanted) or ids <= {*wanted} for ids in classes)
+        view = result.by_class() if by_class else result
+        rows = table_rows(result.matrix.aspects, by_class=by_class)
+        mask = _wanted_rows(wanted, rows)
+        yield wanted_table(rows, mask, *view.reach((np.flatnonzero(mask) + 1).tolist()), '')
         yield (
             'Probability that repeated actions lead to a wanted aspect before the part leaves the '
             'aspects, and the expected number of actions if it gets there.'
@@ -439,6 +444,11 @@ def _plan_section(result: 'ReorientResult', plan: 'PlanResult', wanted: Sequence
         'part, which takes no time.'
     )
     return Section('Best plan', 'plan', [text, plan_table(rows, plan.plan, plan.names, '')])
+
+
+def _wanted_rows(wanted: Sequence[int], rows: Rows) -> npt.NDArray[np.bool_]:
+    """Return which rows have wanted aspects only, (rows,) bool."""
+    return np.array([all(aspect.id in wanted for aspect in row) for row in rows])
 
 
 def _wanted_text(result: 'ReorientResult', wanted: Sequence[int]) -> str:

@@ -93,9 +93,9 @@ def test_matrix_cells_match_the_document(page, results):
 
 def test_page_has_the_way_and_the_plan(page, results):
     (rows,) = rows_of(page, 'from', 'reaches a wanted aspect')
-    assert [row[1:] for row in rows[:2]] == 2 * [['wanted', '0']]
-    probability, actions = results[0].reach((1, 2))
-    for (_, *cells), p, n in zip(rows[2:], probability[2:], actions[2:], strict=True):
+    assert rows[0] == ['1 and 2', 'wanted', '0']
+    probability, actions = results[0].by_class().reach((1,))
+    for (_, *cells), p, n in zip(rows[1:], probability[1:], actions[1:], strict=True):
         assert_shown(cells[0], 100 * p)
         assert_shown(cells[1], n)
     (rows,) = rows_of(page, 'aspect', 'best action')
