@@ -36,10 +36,6 @@ def at_update(monkeypatch):
     return at_update
 
 
-def when_some_are_done(number):
-    return lambda done: done and signal.raise_signal(number)
-
-
 @pytest.mark.slow
 def test_repeated_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until):
     process = begin(*QUICK, *BULLET, *OUTPUTS)
@@ -54,7 +50,7 @@ def test_repeated_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until
 
 @pytest.mark.slow
 def test_termination_keeps_the_drops_and_their_contacts(run, saved, at_update):
-    at_update(when_some_are_done(signal.SIGTERM))
+    at_update(lambda done: done and signal.raise_signal(signal.SIGTERM))
     document, _ = saved(run(*QUICK, '--surroundings', 'l_chute', *OUTPUTS), 130)
     at_rest = sum(a['count'] for a in document['aspects']) + document['unclassified']
     assert at_rest > 0

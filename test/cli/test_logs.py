@@ -145,13 +145,12 @@ def test_unfinished_log_is_used_with_a_warning(run, log):
         assert f"warning: log '{cut}' is being written" in run('compare', cut, cut).stderr
 
 
-def test_file_with_a_name_invalid_in_metadata_is_not_recovered(run, log, tmp_path):
-    odd, shown = os.fsdecode(b'\xff'), r'\udcff'
-    folder = log(batches=0).rename(tmp_path / odd)
-    assert f'{shown}/run_0.mcap' in run('info', odd).stdout
+def test_file_with_a_name_invalid_in_metadata_is_not_recovered(run, log):
+    odd = os.fsdecode(b'\xff')
+    folder = log(batches=0)
     (folder / 'run_0.mcap').rename(folder / f'{odd}.mcap')
-    ended = run('recover', odd)
-    assert (ended.returncode, f"'{shown}/{shown}.mcap'" in ended.stderr) == (1, True)
+    ended = run('recover', folder)
+    assert (ended.returncode, r'\udcff.mcap' in ended.stderr) == (1, True)
     assert [file.name for file in folder.iterdir()] == [f'{odd}.mcap']
 
 

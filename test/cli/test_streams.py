@@ -48,8 +48,7 @@ def test_invalid_ros_domain_is_refused(run, environment):
     ended = run('nodes', env={**environment, 'ROS_DOMAIN_ID': '\x1b[31m'})
     assert (ended.returncode, ended.stdout) == (2, '')
     (line,) = ended.stderr.splitlines()
-    assert 'ROS_DOMAIN_ID' in line
-    assert line.isprintable()
+    assert ('ROS_DOMAIN_ID' in line, line.isprintable()) == (True, True)
 
 
 def test_names_with_control_characters_are_escaped_in_titles(run, tmp_path):

@@ -32,5 +32,4 @@ def test_study_writes_its_folder_and_continues_it(run, tmp_path):
     assert more.returncode == 0, more.stderr
     assert (tmp_path / 'out/points.jsonl').read_bytes().startswith(before)
     with (tmp_path / 'out/results.csv').open() as file:
-        rows = list(csv.DictReader(file))
-    assert {int(row['point']) for row in rows} == set(range(3 * 2 * 7))
+        assert {int(row['point']) for row in csv.DictReader(file)} == set(range(3 * 2 * 7))

@@ -21,7 +21,6 @@ from resting_aspects_ros.api.forecast import (
 )
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import check_files, whole_file
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli import options
@@ -35,16 +34,11 @@ from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.forecast import check_minutes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
+from resting_aspects_ros.nodes.aspect_classifier.services import reorientation_from
 from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
 from resting_aspects_ros.report.forecast import controlled_fields, controlled_text
 from resting_aspects_ros.report.outlines import DrawnPart, save_tray_picture
-from resting_aspects_ros.ros.conversions import run_from
-from resting_aspects_ros.ros.distribution_conversions import (
-    action_from,
-    distribution_from,
-    transition_matrix_from,
-)
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 from resting_aspects_ros.system import Interruption
 from resting_aspects_ros.vision.rolling import KnownPart
@@ -270,19 +264,12 @@ class FeederDemo:
         same = {'drops': DROPS, 'seed': arguments.seed, 'timeout': TIMEOUT}
         with RestingAspectsClient(ros_args=namespace, check=check) as client:
             with DropProgress(name, DROPS) as progress:
-                drops = client.get_distribution(name, progress=progress.update, **same)
+                client.get_distribution(name, progress=progress.update, **same)
             with DropProgress(name, flips, 'flips') as progress:
                 found = client.reorient_part(
                     name, DEFAULT_ACTION, PER_ASPECT, progress=progress.update, **same
                 )
-        result = ReorientResult(
-            transition_matrix_from(found),
-            action_from(found.action),
-            run_from(found.run),
-            self._known.part,
-            distribution_from(drops),
-            complete=True,
-        )
+        result = reorientation_from(found, self._known.part)
         minutes = arguments.minutes
         forecast = forecast_from(result, self._ids, self._tray, self._times, minutes=minutes)
         return forecast_controlled(forecast)
