@@ -301,8 +301,7 @@ def _pickable(arguments: argparse.Namespace, known: KnownPart) -> tuple[int, ...
     if ids is None and numbers is None:
         return (int(np.argmax(known.shares)) + 1,)
     chosen = set(known.aspects.chosen(ids, numbers, 'pickable'))
-    classes = enumerate(known.aspects.classes(), start=1)
-    return tuple(k for k, members in classes if chosen & {aspect.id for aspect in members})
+    return tuple(sorted({a.symmetry_class for a in known.aspects if a.id in chosen}))
 
 
 def _values(parameters: dict[str, Any]) -> list[str]:
