@@ -113,9 +113,9 @@ def _lines(
     if action is not None:
         yield 'action', f'{action.name}: {action.text}'
     what = 'drops' if action is None else 'actions'
-    (label, number), *others = run_facts(run, found.outcome.drops, what)
+    (label, done), *others = run_facts(run, found.outcome.drops, what)
     rest = contents.rest_of_run(run, found.outcome) if found.finished else ''
-    yield from [(label, number + rest), *others]
+    yield from [(label, done + rest), *others]
 
 
 def _state(found: contents.LoggedRun) -> str:
