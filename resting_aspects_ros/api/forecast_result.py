@@ -188,8 +188,11 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
     for each in forecasts:
         name = f'{each.title}: ' if several else ''
         yield Text(f'{name}{forecast_sentence(each)}.', 'verdict')
-    for note in dict.fromkeys(note for each in results for note in each.notes):
-        yield Text(note, 'note')
+    notes = {each.named.title: each.notes for each in results}
+    for note in dict.fromkeys(note for found in notes.values() for note in found):
+        names = ', '.join(name for name, found in notes.items() if note in found)
+        common = all(note in found for found in notes.values())
+        yield Text(note if common else f'{names}: {note}', 'note')
     yield cell_text(forecasts[0])
     first, *others = results
     yield Chart(
