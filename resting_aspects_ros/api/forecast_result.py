@@ -205,7 +205,7 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
     yield forecast_table(forecasts)
     for each in forecasts:
         if text := range_text(each):
-            yield text
+            yield f'{each.title}: {text}' if several else text
     confidence = 100 * results[0].reorientation.matrix.confidence
     yield (
         f'The interval of the parts per minute is that of the long run, with {confidence:g} % '
