@@ -32,9 +32,12 @@ def make_console() -> Console:
     return console
 
 
-def show_table(table: Table) -> None:
-    """Print a table without cutting off digits, even if it is wider than the terminal."""
-    shown_tables.append(table)
+def show_table(table: Table, name: str = '') -> None:
+    """Print a table without cutting off digits, even if it is wider than the terminal.
+
+    ``name`` is its title in the file of --table if it has none.
+    """
+    shown_tables.append(dataclasses.replace(table, title=table.title or name))
     console = make_console()
     options = console.options.update(width=MAX_WIDTH)
     console.width = max(console.width, Measurement.get(console, options, table).maximum)
@@ -65,7 +68,7 @@ def show_items(items: Iterable[Item], heading: str = '') -> None:
             title = f'{heading}: {item.text}'
         elif isinstance(item, Table):
             print()
-            show_table(dataclasses.replace(item, title=item.title or title))
+            show_table(dataclasses.replace(item, title=item.title or title), heading)
         elif isinstance(item, str | Text):
             show_texts(item if isinstance(item, str) else item.text)
 
