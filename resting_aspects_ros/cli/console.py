@@ -1,5 +1,8 @@
 """Tables and texts on standard output."""
 
+import dataclasses
+from collections.abc import Iterable
+
 from rich.console import Console
 from rich.measure import Measurement
 
@@ -10,6 +13,7 @@ from resting_aspects_ros.cli.life_cycle import shown_tables
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import contact_table, distribution_table
 from resting_aspects_ros.report.format import size_text
+from resting_aspects_ros.report.page import Item, Page, Text
 from resting_aspects_ros.report.table import Table
 from resting_aspects_ros.statistics.distribution import Distribution
 
@@ -28,9 +32,12 @@ def make_console() -> Console:
     return console
 
 
-def show_table(table: Table) -> None:
-    """Print a table without cutting off digits, even if it is wider than the terminal."""
-    shown_tables.append(table)
+def show_table(table: Table, name: str = '') -> None:
+    """Print a table without cutting off digits, even if it is wider than the terminal.
+
+    ``name`` is its title in the file of --table if it has none.
+    """
+    shown_tables.append(dataclasses.replace(table, title=table.title or name))
     console = make_console()
     options = console.options.update(width=MAX_WIDTH)
     console.width = max(console.width, Measurement.get(console, options, table).maximum)
@@ -42,6 +49,28 @@ def show_texts(*texts: str) -> None:
     console = make_console()
     for text in filter(None, texts):
         console.print(text, markup=False, highlight=False)
+
+
+def show_page(page: Page) -> None:
+    """Print the title, the texts and the tables of a page, without its figures."""
+    show_texts(f'{page.title}: {page.subtitle}')
+    for section in page.sections:
+        print()
+        show_texts(section.heading)
+        show_items(section.items, section.heading)
+
+
+def show_items(items: Iterable[Item], heading: str = '') -> None:
+    """Print the texts and the tables among the items of a section."""
+    title = ''
+    for item in items:
+        if isinstance(item, Text) and item.style == 'part':
+            title = f'{heading}: {item.text}'
+        elif isinstance(item, Table):
+            print()
+            show_table(dataclasses.replace(item, title=item.title or title), heading)
+        elif isinstance(item, str | Text):
+            show_texts(item if isinstance(item, str) else item.text)
 
 
 def print_table(

@@ -284,11 +284,14 @@ def requested_conditions(arguments: argparse.Namespace) -> conditions.DropCondit
     """Return the conditions that the flags request; raises InvalidValueError."""
     from resting_aspects_ros.api.conditions import requested_surroundings, with_surroundings
 
-    surface = conditions.all_surfaces(arguments.surfaces).get(arguments.surface)
     name, changes = getattr(arguments, 'surroundings', None), getattr(arguments, 'set', [])
-    return with_surroundings(
-        surface.changed(**changed_conditions(arguments)), requested_surroundings(name, changes)
-    )
+    return with_surroundings(requested_surface(arguments), requested_surroundings(name, changes))
+
+
+def requested_surface(arguments: argparse.Namespace) -> conditions.DropConditions:
+    """Return the requested conditions without surroundings; raises InvalidValueError."""
+    surface = conditions.all_surfaces(arguments.surfaces).get(arguments.surface)
+    return surface.changed(**changed_conditions(arguments))
 
 
 def changed_conditions(arguments: argparse.Namespace) -> dict[str, object]:

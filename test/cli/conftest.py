@@ -2,23 +2,17 @@
 
 import contextlib
 import csv
-import fcntl
 import io
 import json
 import os
-import pty
 import signal
-import struct
 import subprocess
 import sys
-import termios
-import threading
 import warnings
 from pathlib import Path
 from unittest import mock
 
 import pytest
-import trimesh
 
 from resting_aspects_ros.cli import main
 from resting_aspects_ros.system import SIGNALS
@@ -44,13 +38,17 @@ def run_in(environment):
         out = io.TextIOWrapper(io.BytesIO(), encoding='utf-8')
         err = io.TextIOWrapper(io.BytesIO(), encoding='utf-8', errors='backslashreplace')
         with (
-            _folder(folder),
+            pytest.MonkeyPatch.context() as patch,
             _handlers_restored(),
-            _default_warnings(),
+            warnings.catch_warnings(),
             mock.patch.dict(os.environ, env or environment, clear=True),
             contextlib.redirect_stdout(out),
             contextlib.redirect_stderr(err),
         ):
+            patch.chdir(folder)
+            # What Python ignores by default, and warnings of nodes of other tests.
+            warnings.simplefilter('ignore', DeprecationWarning)
+            warnings.filterwarnings('ignore', 'coroutine .* was never awaited', RuntimeWarning)
             try:
                 code = main.main(words)
             except SystemExit as ended:  # by argparse
@@ -61,26 +59,6 @@ def run_in(environment):
         return subprocess.CompletedProcess(words, code, *printed)
 
     return run
-
-
-@contextlib.contextmanager
-def _folder(folder):
-    """Change the working folder; contextlib.chdir is newer than Python 3.10."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
-@contextlib.contextmanager
-def _default_warnings():
-    """Ignore the warnings that Python ignores by default, and those of nodes of other tests."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', DeprecationWarning)
-        warnings.filterwarnings('ignore', 'coroutine .* was never awaited', RuntimeWarning)
-        yield
 
 
 @contextlib.contextmanager
@@ -104,20 +82,6 @@ def run(run_in, tmp_path):
 
 
 @pytest.fixture
-def run_process(environment, tmp_path):
-    """Run the command in a new process, in an empty folder, to its end."""
-
-    def run(*words, **options):
-        options = {'capture_output': True, 'text': True, 'env': environment} | options
-        words = [str(word) for word in words]
-        return subprocess.run(
-            [*COMMAND, *words], cwd=tmp_path, timeout=DEADLINE, check=False, **options
-        )
-
-    return run
-
-
-@pytest.fixture
 def refused(run, tmp_path):
     """Run the command with wrong input; returns its one line of output."""
 
@@ -135,7 +99,7 @@ def refused(run, tmp_path):
 
 
 @pytest.fixture
-def begin(environment, tmp_path):
+def begin(environment, session, tmp_path):
     """Start the command in a new session, which is killed after the test."""
     started = []
 
@@ -154,43 +118,15 @@ def begin(environment, tmp_path):
 
     yield start
     for process in started:
-        for pid in _session(process.pid):
+        for pid in session(process.pid):
             os.kill(pid, signal.SIGKILL)
         process.communicate()
 
 
 @pytest.fixture(scope='session')
-def terminal():
-    """Open a terminal of 80 columns; returns its descriptor, to be closed, and what it shows."""
-    return _terminal
-
-
-@contextlib.contextmanager
-def _terminal():
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 24, 80, 0, 0))
-    shown = bytearray()
-
-    def read():
-        with contextlib.suppress(OSError):  # the other end is closed
-            while data := os.read(ours, 4096):
-                shown.extend(data)
-
-    reader = threading.Thread(target=read)
-    reader.start()
-    yield theirs, shown
-    reader.join()
-    os.close(ours)
-
-
-@pytest.fixture(scope='session')
 def session():
     """Return the command lines of the processes of a session, by pid."""
-    return _session
-
-
-def _session(leader):
-    return {pid: words for pid, session, words in _processes() if session == leader}
+    return lambda leader: {pid: words for pid, of, words in _processes() if of == leader}
 
 
 @pytest.fixture(scope='session')
@@ -209,12 +145,6 @@ def _processes():
             continue
         if state != 'Z':
             yield int(stat.parent.name), int(session), words
-
-
-@pytest.fixture(scope='session')
-def wait_until(wait):
-    """Wait until a condition is true."""
-    return lambda condition: wait(condition, 'it did not come to be')
 
 
 @pytest.fixture(scope='session')
@@ -246,26 +176,18 @@ def saved(tmp_path):
         assert [row[0] for row in rows] == ['drop', *map(str, range(document['drops']))]
         outside = sum(document[name] for name in ('unclassified', 'unsettled', 'failed'))
         assert sum(a['count'] for a in document['aspects']) + outside == document['drops']
-        names = sorted(path.name for path in tmp_path.rglob('*'))
-        assert names == ['distribution.json', 'distribution.png', 'o', 'p.csv', 'poses.csv']
         return document, found.stderr.splitlines()
 
     return check
 
 
 @pytest.fixture
-def ended(session, wait_until, saved):
+def ended(session, wait, saved):
     """Wait for the end of a process; check its output with ``saved``, and its session."""
 
     def check(process, code):
         printed, errors = process.communicate(timeout=DEADLINE)
-        wait_until(lambda: session(process.pid) == {})
+        wait(lambda: session(process.pid) == {}, 'the end of all processes')
         return saved(subprocess.CompletedProcess([], process.returncode, printed, errors), code)
 
     return check
-
-
-@pytest.fixture
-def box():
-    """Return a box of 10 x 20 x 30 about the origin, as a mesh without a unit."""
-    return trimesh.creation.box((10, 20, 30))

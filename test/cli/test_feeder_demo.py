@@ -1,6 +1,5 @@
 """`resting_aspects feeder_demo`: the feeder over ROS beside its forecast."""
 
-import io
 import json
 import os
 import signal
@@ -8,21 +7,12 @@ from types import SimpleNamespace
 
 import pytest
 from builtin_interfaces.msg import Time
-from PIL import Image
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
-from rich.console import Console
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Header
 
-from resting_aspects_ros.cli import node_processes
-from resting_aspects_ros.cli.node_processes import NodeProcesses, log_of
 from resting_aspects_ros.cli.verbs import feeder_demo
-from resting_aspects_ros.client.feeder_watch import (
-    FeederWatch,
-    feeder_sentence,
-    feeder_table,
-)
+from resting_aspects_ros.client.feeder_watch import FeederWatch, feeder_sentence
 from resting_aspects_ros.errors import RestingAspectsError
 
 
@@ -55,18 +45,13 @@ class Watched:
         header = Header(stamp=Time(sec=time))
         self._send[PickResult](PickResult(header=header, result=kind, image=image))
 
-    def tick(self, time):
-        self._send[Clock](Clock(clock=Time(sec=time)))
-
 
 def test_camera_that_waits_for_the_watch_begins_after_all_is_heard():
-    assert Watched().hears_results
-    for kind in (DetectionArray, ImageMsg, FeederAdvice):
-        cell = Watched(without=kind)
-        assert not cell.hears_results
-        cell.publishers[kind] = 1
-        cell.watch.connect()
-        assert cell.hears_results
+    cell = Watched(without=FeederAdvice)
+    assert not cell.hears_results
+    cell.publishers[FeederAdvice] = 1
+    cell.watch.connect()
+    assert cell.hears_results
 
 
 def test_picks_are_counted_in_any_order_of_messages():
@@ -77,29 +62,22 @@ def test_picks_are_counted_in_any_order_of_messages():
         assert cell.watch.done.done()
         return cell.watch.fields()
 
-    messages = [
-        lambda cell: cell.result(9, PickResult.PICKED, 8),  # before the first image
-        lambda cell: cell.seen(1, 10),
-        lambda cell: cell.result(20, PickResult.PICKED, 1),
-        lambda cell: cell.result(30, PickResult.DROPPED, 1),
-        lambda cell: cell.result(40, PickResult.MOVED),
-        lambda cell: cell.seen(2, 40),
-        lambda cell: cell.result(50, PickResult.MISSED, 2),
-        lambda cell: cell.seen(3, 55),
-        lambda cell: cell.result(60, PickResult.MOVED),
-        lambda cell: cell.seen(4, 60),
-        lambda cell: cell.result(65, PickResult.MOVED),
-        lambda cell: cell.seen(5, 75),
-        lambda cell: cell.result(80, PickResult.PICKED, 5),  # after the end
-        lambda cell: cell.result(81, PickResult.MISSED, 5),
-        lambda cell: cell.result(82, PickResult.MOVED),
+    seen = [(1, 10), (2, 40), (3, 55), (4, 60), (5, 75)]
+    results = [
+        (9, PickResult.PICKED, 8),  # before the first image
+        (20, PickResult.PICKED, 1),
+        (30, PickResult.DROPPED, 1),
+        (50, PickResult.MISSED, 2),
+        (65, PickResult.MOVED),
+        (80, PickResult.PICKED, 5),  # after the end
+        (81, PickResult.MISSED, 5),
     ]
-    seen = [messages[k] for k in (1, 5, 7, 9, 11)]
-    results = [message for message in messages if message not in seen]
-    fields = sent(messages)
+    images = [lambda cell, each=each: cell.seen(*each) for each in seen]
+    picks = [lambda cell, each=each: cell.result(*each) for each in results]
+    fields = sent([*images, *picks])
     assert (fields['picks'], fields['missed'], fields['images']) == (1, 1, 4)
     assert fields['minutes'] == pytest.approx(65 / 60)
-    assert sent([*results, *seen]) == sent([*seen, *results]) == fields
+    assert sent([*picks, *images]) == fields
 
 
 def test_time_begins_with_the_first_image_of_the_camera():
@@ -111,65 +89,21 @@ def test_time_begins_with_the_first_image_of_the_camera():
     assert cell.watch.picks == 1
 
 
-def test_nodes_are_waited_for_until_they_are_ready(tmp_path, monkeypatch):
-    log = log_of(tmp_path, 'slow')
-    nodes = NodeProcesses(
-        tmp_path, lambda: log.write_text('[INFO] [1.0] [slow]: ready: 6 parts\n')
-    )
-    nodes._running = {'slow': SimpleNamespace(poll=lambda: None)}
-    log.write_text('[WARN] already here\n')
-    nodes.wait_until_ready()
-    assert 'ready' in log.read_text()
-    nodes = NodeProcesses(tmp_path, lambda: None)
-    nodes._running = {'slow': SimpleNamespace(poll=lambda: None)}
-    log.write_text('')
-    monkeypatch.setattr(node_processes, 'START_TIMEOUT', 0.0)
-    with pytest.raises(RestingAspectsError, match=r'slow is not ready after 0 s: see .*slow\.log'):
-        nodes.wait_until_ready()
-
-
-def test_time_that_stands_still_is_no_progress():
-    cell = Watched()
-    before = cell.watch._clock_changed
-    cell.tick(11)
-    changed = cell.watch._clock_changed
-    cell.tick(11)
-    assert before < changed == cell.watch._clock_changed
-
-
-COUNTED = {'minutes': 10.05, 'on_tray': 12, 'picks': 270, 'missed': 3, 'images': 150}
-COUNTED |= {'total': 10.0, 'rate': 26.87, 'advice': SimpleNamespace(reason='Pick 2')}
-
-
-def test_run_is_shown_beside_its_forecast():
-    def view(**changed):
-        forecast = SimpleNamespace(rate=26.0, prediction=(24.0, 28.0))
-        return SimpleNamespace(**COUNTED | changed), forecast
-
-    console = Console(width=80, record=True, file=io.StringIO())
-    console.print(feeder_table(*view()))
-    text = console.export_text()
-    for words in ('10:03 of 10 min', '270 (3 missed)', '26.9', '26.0 (24.0 to 28.0)', 'Pick 2'):
-        assert words in text
-    assert max(map(len, text.splitlines())) <= 80
-    for changed, said in (
-        ({}, 'within'),
-        ({'rate': 28.4}, 'outside'),
-        ({'minutes': 2}, 'shorter'),
-    ):
-        sentence = feeder_sentence(*view(**changed))
-        assert said in sentence.splitlines()[0].rpartition(';')[2]
+@pytest.mark.parametrize(
+    ('rate', 'minutes', 'said'),
+    [(26.8, 10, 'within'), (28.4, 10, 'outside'), (26.8, 2, 'shorter')],
+)
+def test_run_is_compared_with_its_forecast(rate, minutes, said):
+    found = SimpleNamespace(picks=270, total=10.0, rate=rate, minutes=minutes)
+    forecast = SimpleNamespace(rate=26.0, prediction=(24.0, 28.0))
+    assert said in feeder_sentence(found, forecast).splitlines()[0].rpartition(';')[2]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('has_begun', 'interrupted', 'code'), [(True, False, 1), (False, False, 1), (True, True, 130)]
-)
-def test_what_was_found_is_written_at_an_early_end(
-    run, monkeypatch, tmp_path, has_begun, interrupted, code
-):
+@pytest.mark.parametrize(('interrupted', 'code'), [(False, 1), (True, 130)])
+def test_what_was_found_is_written_at_an_early_end(run, monkeypatch, tmp_path, interrupted, code):
     def fail(demo):
-        demo.watch = Watched().watch if has_begun else None
+        demo.watch = Watched().watch
         if interrupted:
             signal.raise_signal(signal.SIGINT)
             demo._check()
@@ -180,9 +114,8 @@ def test_what_was_found_is_written_at_an_early_end(
     assert found.returncode == code
     last = found.stderr.splitlines()[-1]
     assert last.startswith('Written') if interrupted else last == 'error: vision_example ended'
-    assert (tmp_path / 'o' / 'feeder_demo.json').exists() == has_begun
-    assert has_begun == bool(found.stdout)
-    assert not has_begun or not json.loads(found.stdout)['complete']
+    assert (tmp_path / 'o' / 'feeder_demo.json').read_text() == found.stdout
+    assert not json.loads(found.stdout)['complete']
 
 
 @pytest.mark.slow
@@ -200,8 +133,6 @@ def test_demo_compares_a_run_with_its_forecast(run, running, monkeypatch, tmp_pa
     assert done['picks'] == pytest.approx(done['minutes'] * done['parts_per_minute'])
     assert done['picks'] > 0
     assert forecast['prediction_lower'] < forecast['parts_per_minute']
-    assert 'the robot picked' in ended.stderr
-    with Image.open(tmp_path / 'feeder_demo.png') as picture:
-        assert min(picture.size) > 500
+    assert (tmp_path / 'feeder_demo.png').exists()
     assert list(tmp_path.glob('logs/feeder*/*.mcap'))
     assert not running(f'__ns:=/feeder_demo_{os.getpid()}')

@@ -1,6 +1,5 @@
 """Help imports nothing heavy, and its examples are valid."""
 
-import re
 import subprocess
 import sys
 from importlib import import_module
@@ -10,9 +9,7 @@ import pytest
 from resting_aspects_ros import __version__
 from resting_aspects_ros.cli import main, verbs
 
-HEAVY = (
-    'numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'rich', 'distributed'
-)  # fmt: skip
+HEAVY = {'numpy', 'scipy', 'trimesh', 'pybullet', 'rclpy', 'matplotlib', 'mcap', 'distributed'}
 
 
 @pytest.fixture
@@ -65,37 +62,25 @@ finally:
     modules = ended.stdout.splitlines()[-1].split()
     prefix = 'resting_aspects_ros.cli.verbs.'
     loaded = {name.removeprefix(prefix) for name in modules if name.startswith(prefix)}
-    return set(HEAVY) & set(modules), loaded & set(verbs.COMMANDS)
+    return HEAVY & set(modules), loaded & set(verbs.COMMANDS)
 
 
 @pytest.mark.parametrize(('words', 'expected'), [([], set()), (['drop'], {'drop'})])
 def test_only_the_requested_subcommand_is_loaded(words, expected):
-    heavy, loaded = loaded_by(*words, '--help')
-    assert loaded == expected
-    assert heavy <= {'rich'}
+    assert loaded_by(*words, '--help') == (set(), expected)
 
 
-@pytest.mark.parametrize(
-    'name',
-    [
-        *('drop_simulator', 'aspect_classifier', 'drop_recorder', 'log_replayer'),
-        *('feeder_controller', 'camera_simulator', 'vision_example'),
-    ],
-)
-def test_node_help_describes_purpose_and_parameters(name, monkeypatch, capsys):
+@pytest.mark.parametrize('name', ['drop_simulator', 'log_replayer', 'feeder_controller'])
+def test_node_help_lists_the_parameters(name, monkeypatch, capsys):
     node = import_module(f'resting_aspects_ros.nodes.{name}.node')
     monkeypatch.setattr(sys, 'argv', ['node', '--help'])
     with pytest.raises(SystemExit) as ended:
         node.main()
     assert ended.value.code == 0
-    usage, _, does, *others = capsys.readouterr().out.splitlines()
-    assert usage.startswith('usage: ')
-    assert re.match('Publishes|Records|Serves|Subscribes', does)
-    begin = others.index('parameters:') + 1
-    # The description does not list arguments of the class.
-    assert not [line for line in others[:begin] if ' : ' in line]
-    listed = [line.split()[0] for line in others[begin : begin + len(node.PARAMETERS)]]
-    assert listed == [parameter.name for parameter in node.PARAMETERS]
+    listed = capsys.readouterr().out.partition('parameters:\n')[2].splitlines()
+    assert [line.split()[0] for line in listed[: len(node.PARAMETERS)]] == [
+        parameter.name for parameter in node.PARAMETERS
+    ]
 
 
 def test_the_script_is_the_same_command():

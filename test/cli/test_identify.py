@@ -19,9 +19,7 @@ def test_position_of_the_camera_gives_the_place_of_a_high_part(run, tmp_path):
     found = json.loads(ended.stdout)['candidates'][0]
     assert found['symmetry_class'] == 3
     assert (found['x'], found['y'], found['posterior']) == pytest.approx((0.1, 0.05, 1), abs=1e-3)
-    without = run(*words).stdout
-    assert 'none' in without
-    assert '--camera' in without
+    assert '--camera' in run(*words).stdout
     # The camera would be inside the box.
     ended = run(*words, '--camera', '0mm,0mm,20mm')
     assert ended.returncode == 2

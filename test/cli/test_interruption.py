@@ -7,14 +7,12 @@ import os
 import re
 import signal
 import time
-from contextlib import suppress
 
 import pytest
 
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.errors import EngineError
 from resting_aspects_ros.report.page import Page
-from resting_aspects_ros.simulation.workers import MAX_DEATHS
 
 QUICK = ('drop', 'tetrahedron', '--drops', 2_000_000, '--workers', 2)
 BULLET = ('--engine', 'bullet')  # with worker processes
@@ -38,10 +36,6 @@ def at_update(monkeypatch):
     return at_update
 
 
-def when_some_are_done(number):
-    return lambda done: done and signal.raise_signal(number)
-
-
 @pytest.mark.slow
 def test_repeated_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until):
     process = begin(*QUICK, *BULLET, *OUTPUTS)
@@ -56,7 +50,7 @@ def test_repeated_ctrl_c_ends_a_process_and_its_workers(begin, ended, read_until
 
 @pytest.mark.slow
 def test_termination_keeps_the_drops_and_their_contacts(run, saved, at_update):
-    at_update(when_some_are_done(signal.SIGTERM))
+    at_update(lambda done: done and signal.raise_signal(signal.SIGTERM))
     document, _ = saved(run(*QUICK, '--surroundings', 'l_chute', *OUTPUTS), 130)
     at_rest = sum(a['count'] for a in document['aspects']) + document['unclassified']
     assert at_rest > 0
@@ -72,9 +66,10 @@ def test_ctrl_c_ends_the_page_when_the_rest_is_saved(run, monkeypatch, tmp_path)
         yield from draw(page)
 
     monkeypatch.setattr(Page, 'files', interrupted)
-    found = run('drop', 'l_bracket', '--drops', 20, '--report', '--out', 'o', '--table', 't.csv')
+    words = ('drop', 'l_bracket', '--drops', 20, '--surroundings', 'l_chute')
+    found = run(*words, '--report', '--out', 'o', '--table', 't.csv')
     assert (found.returncode, found.stderr.splitlines()[-1]) == (130, 'interrupted')
-    assert (tmp_path / 't.csv').exists()
+    assert (tmp_path / 't_2.csv').exists()  # of the contacts
     assert found.stdout.splitlines()[-1].startswith('Written: ')
     assert {file.name for file in (tmp_path / 'o').iterdir()} == {'distribution.json', 'poses.csv'}
 
@@ -99,53 +94,3 @@ def test_a_run_without_a_drop_keeps_earlier_files(run, at_update, monkeypatch, t
     assert (found.returncode, found.stdout) == (1, '')
     assert found.stderr.splitlines()[-1] == 'error: no device'
     assert files() == before
-
-
-@pytest.mark.slow
-def test_ctrl_c_while_the_engine_is_loaded(begin, ended, wait_until):
-    process = begin(*QUICK, *OUTPUTS)
-    maps = f'/proc/{process.pid}/maps'
-    # NumPy is loaded after the signal handlers are set, long before the engine.
-    wait_until(lambda: '_multiarray_umath' in open(maps, encoding='utf-8').read())  # noqa: PTH123, SIM115
-    os.killpg(process.pid, signal.SIGINT)
-    assert process.communicate()[1].splitlines()[-1] == 'interrupted before the first drop'
-    assert process.returncode == 130
-
-
-def test_without_files_nothing_is_written(run, at_update, tmp_path):
-    at_update(when_some_are_done(signal.SIGINT))
-    found = run(*QUICK)
-    done, asked = re.search(r'interrupted; the result has (\d+) of (\d+)', found.stderr).groups()
-    title = found.stdout.splitlines()[1].strip()
-    assert title == f'{done} of {asked} drops on rubber_mat, seed 1'
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_closed_terminal_does_not_end_a_nohup_command(run, saved, at_update):
-    at_update(lambda done: signal.raise_signal(signal.SIGINT if done > 4000 else signal.SIGHUP))
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    try:
-        document, _ = saved(run(*QUICK, *OUTPUTS), 130)
-    finally:
-        signal.signal(signal.SIGHUP, before)
-    assert document['drops'] > 4000
-
-
-@pytest.mark.slow
-def test_repeatedly_dying_workers_end_the_run(begin, ended, read_until, session):
-    process = begin(*QUICK, *BULLET, *OUTPUTS)
-    read_until(process.stderr, some_done)
-    while process.poll() is None:
-        for pid, words in session(process.pid).items():
-            if 'simulation.workers ' in ' '.join(words):
-                with suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGKILL)
-        time.sleep(0.02)
-    document, lines = ended(process, 1)
-    assert document['drops'] > 0
-    done = document['drops']
-    assert lines[-1] == (
-        f'error: {MAX_DEATHS} worker processes died in a row near drop {done} of tetrahedron; '
-        f'the result has {done} of 2000000 drops'
-    )

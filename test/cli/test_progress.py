@@ -1,7 +1,12 @@
 """Progress on standard error: a bar on a terminal, otherwise one line per second."""
 
+import contextlib
+import fcntl
 import os
+import pty
 import re
+import struct
+import termios
 
 import pytest
 
@@ -20,15 +25,20 @@ def test_pipe_gets_no_line_twice(monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_terminal_shows_a_bar_with_rate_on_stderr_only(begin, terminal):
-    with terminal() as (theirs, shown):
-        process = begin('drop', 'l_bracket', '--drops', 1500, '--workers', 2, stderr=theirs)
-        os.close(theirs)
-        printed = process.communicate(timeout=600)[0]
+def test_terminal_shows_a_bar_with_rate_on_stderr_only(begin):
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('4H', 24, 80, 0, 0))
+    process = begin('drop', 'l_bracket', '--drops', 1500, '--workers', 2, stderr=theirs)
+    os.close(theirs)
+    shown = bytearray()
+    with contextlib.suppress(OSError):  # the other end is closed
+        while data := os.read(ours, 4096):
+            shown += data
+    os.close(ours)
+    printed = process.communicate(timeout=600)[0]
     assert process.returncode == 0
     text = shown.decode()
-    assert re.search(r'1500/1500 \x1b\[0m ?[\d.]+ drops/s|1500/1500.*?[\d.]+ drops/s', text)
+    assert re.search(r'1500/1500.*?[\d.]+ drops/s', text)
     assert '━' in text
     assert ' of 1500 drops' not in text
-    assert printed.splitlines()[1].strip() == '1500 drops on rubber_mat, seed 1'
     assert '\x1b' not in printed

@@ -22,72 +22,47 @@ CASES = {
     # The command line itself.
     'no_verb': ['no_verb'],
     'drop tetrahedron --friktion 1': ['--friktion', '--friction'],
-    'drop tetrahedron --drop 5': ['--drop'],
     'reorient tetrahedron --export map.json': ['--export', 'resting_aspects reorient --help'],
     'forecast tetrahedron --pickable 1 3': ['3', '1,3'],
-    'drop tetrahedron --workers 2 --scheduler tcp://127.0.0.1:1': ['--scheduler', '--workers'],
-    # Numbers with units.
+    # Numbers with units, and mesh files.
     'drop tetrahedron --height -3mm': ['height', '-0.003'],
     'drop tetrahedron --drops 1e999999999': ['--drops', '1e999999999'],
-    'drop tetrahedron --confidence 95': ['--confidence', '95'],
-    'drop tetrahedron --unit mm': ['unit', "'mm'"],
-    # Mesh files.
-    'track l_bracket --height 60': ['height', '60mm'],
     'drop box': ["'box'", "'box.obj'"],
     'drop': ['part', '--from-log'],
-    'drop tetrahedron --surroundings pocket --set unit=um': ['unit'],
     # Output files are checked before the drops.
-    'drop l_bracket --out text.mcap/below': ['--out', "'text.mcap/below'"],
-    'drop l_bracket --out folder': ['--out', "'folder/distribution.png'"],
     'drop l_bracket --log text.mcap': ['--log', "'text.mcap'"],
     'drop l_bracket --report': ['--report', 'l_bracket'],
     'drop l_bracket --table t.ods': ['--table', "'t.ods'"],
-    'outlines washer --counting-sheet s.doc': ['--counting-sheet', "'s.doc'"],
     # Flags that contradict each other.
     'drop tetrahedron hex_nut --json': ['--json', 'single part'],
     'drop tetrahedron --replicates 2': ['--replicates', '--initial-states'],
     'drop --from-log log --seed 0': ['--seed', "'0'", '--from-log'],
-    'drop tetrahedron hex_nut --engine bullet': ['--engine', "'bullet'", 'single part'],
     'drop tetrahedron --initial-states states.csv --height 1m': ['--height', "'1.0'"],
     'classify poses.csv --unit mm': ['--unit', "'mm'", '--part'],
     'drift l_bracket counts.csv --expected counts.csv --drops 50': ['--drops', "'50'"],
     'forecast l_bracket hex_nut t_prism --pickable 1 --pickable 2': ['--pickable', '2', '3'],
-    'forecast l_bracket --pickable 1 --action tap,toss': ["'tap,toss'"],
     'optimise l_bracket --vary height=1cm:2cm --wanted 1 --actions a.yaml': ['--actions'],
-    'outlines washer --px-per-mm 5': ['--px-per-mm', "'5.0'", '--out'],
-    'optimise l_bracket --vary friction=0.1:0.5 --wanted 1 --budget 2000 --action step_down '
-    '--surroundings v_groove': ['invalid ranges'],
     'reorient l_bracket --action tap,tap': ['--action', "'tap,tap'"],
     'reorient l_bracket --action tap,toss --speed 1': ['--action', '--speed'],
     'report log --part l_bracket': ['--part', "'l_bracket'"],
     'study tetrahedron': ['--vary'],
-    'study missing.yaml --vary friction=0.1:0.2': ['--vary', "'missing.yaml'"],
-    'study missing.yaml hex_nut': ["'hex_nut'", "'missing.yaml'"],
     'track hex_nut --on wiper_and_balcony --roll 5deg': ['roll', '--on'],
     # Values that a command parses.
     'drift l_bracket counts.csv --shift 5': ['--shift', "'5'", '5%'],
     'feeder_demo --out folder --pickable 9': ['9', '1 to 5'],
-    'feeder_demo --out folder --tray 10x10mm': ['tray'],
     'forecast l_bracket --pickable a': ['--pickable', "'a'"],
-    'forecast l_bracket --pickable 1 --tray 200mm': ['--tray', "'200mm'"],
-    'identify l_bracket --polygon seen.json --camera 0mm,0mm,-1mm': ['--camera'],
     'replay log --rate 1001': ['rate', '1001'],
     'request l_bracket --ros-args --bogus': ['--bogus'],
     'studio none.stl': ["'none.stl'", 'l_bracket'],
-    'studio --port 70000': ['--port', '70000'],
     'track hex_nut --trap wiper:12mm': ['--trap', "'wiper:12mm'"],
     # Surroundings.
     'drop tetrahedron --surroundings l_chut': ["'l_chut'", "'l_chute'"],
     'drop tetrahedron --surroundings': ['l_chute', 'v_groove'],
     'drop tetrahedron --surroundings slope --set angle': ["'angle'", 'NAME=VALUE'],
-    'drop tetrahedron --surroundings slope --set angle=9mm': ["'9mm'", 'deg'],
     'drop tetrahedron --surroundings l_chute --set wal.friction=1': ["'wal'", 'belt, wall'],
     'drop tetrahedron --set angle=9deg': ["'angle=9deg'", '--surroundings'],
-    'reorient l_bracket --action nozzle': ['impulse', 'nozzle'],
     # Files that only commands read.
-    'recover folder': ["'folder'", 'no .mcap file'],
     'info nowhere': ["'nowhere'", 'No such file'],
-    'info logs': ["'logs'", 'no .mcap file'],
     'drop --from-log text.mcap': ["'text.mcap'", "b'hello'"],
     'report seen.json': ["'seen.json'", 'schema_version'],
 }
@@ -97,34 +72,22 @@ CASES = {
 def test_wrong_input_is_refused(refused, tmp_path, command):
     for name, text in FILES.items():
         (tmp_path / name).write_text(text, encoding='utf-8')
-    (tmp_path / 'folder' / 'distribution.png').mkdir(parents=True)
     trimesh.creation.box((10, 20, 30)).export(tmp_path / 'box.obj')
-    for folder in ('log', 'logs/a'):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / 'logs' / 'a' / 'a_0.mcap').touch()
+    for folder in ('folder', 'log'):
+        (tmp_path / folder).mkdir()
     (tmp_path / 'out').touch()  # in place of the default folder
     line = refused(*shlex.split(command))
     for said in CASES[command]:
         assert said in line
 
 
+STATE = 'z_com_m,qx,qy,qz,qw\n'
 DAMAGED = [
     ('drop', 'broken.stl', 'hello', 'broken.stl'),
-    ('drop', 'model.sldprt', 'x', 'STL'),
     ('reorient tetrahedron --actions', 'a.yaml', 'tap: {kind: jump}', "'jump'"),
-    *(
-        ('drop tetrahedron --initial-states', 's.csv', text, said)
-        for text, said in (
-            ('z_com_m,qx,qy,qz,qw\n', 'at least one'),
-            ('z,qx,qy,qz,qw\n0.1,0,0,0,1\n', 'z_com_m'),
-            ('z_com_m,qx,qy,qz,qw\n0.1,0,0,0,2\n', 'quaternion'),
-            ('z_com_m,qx,qy,qz,qw\na,0,0,0,1\n', "z_com_m 'a'"),
-            ('z_com_m,qx,qy,qz,qw,qw\n0.1,0,0,0,1,1\n', 'qw'),
-            ('z_com_m,qx,qy,qz,qw,vx\n0.1,0,0,0,1,1e9\n', 'impact speed'),
-        )
-    ),
+    ('drop tetrahedron --initial-states', 's.csv', f'{STATE}0.1,0,0,0,2\n', 'quaternion'),
+    ('drop tetrahedron --initial-states', 's.csv', f'{STATE}a,0,0,0,1\n', "z_com_m 'a'"),
     ('identify l_bracket --polygon', 'p.json', '[1, 2', 'JSON'),
-    ('identify l_bracket --polygon', 'p.json', '{}', 'outer'),
 ]
 
 
@@ -135,14 +98,7 @@ def test_damaged_file_is_refused(refused, tmp_path, command, name, text, said):
 
 
 @pytest.mark.parametrize(
-    'words',
-    [
-        'aspects tetrahedron --unit {}',
-        'aspects tetrahedron --{}',
-        'drop tetrahedron --drops {}',
-        'compare {} {}',
-        'request tetrahedron --surface {}',
-    ],
+    'words', ['aspects tetrahedron --unit {}', 'aspects tetrahedron --{}', 'compare {} {}']
 )
 def test_errors_are_short_and_printable_for_any_input(refused, words):
     for value in ('x' * 1_000_000, 'a\x1b[31m\x07b', 'a b ' * 200_000):
@@ -151,10 +107,7 @@ def test_errors_are_short_and_printable_for_any_input(refused, words):
         assert len(line) <= 2100
 
 
-@pytest.mark.parametrize(
-    'words',
-    ['replay {}', 'nodes --ros-args -p log_folder:={}', 'request a --ros-args -r __ns:=/{}'],
-)
+@pytest.mark.parametrize('words', ['replay {}', 'nodes --ros-args -p log_folder:={}'])
 def test_name_invalid_in_ros_is_refused(refused, tmp_path, words):
     odd = os.fsdecode(b'\xff')
     (tmp_path / odd).mkdir()

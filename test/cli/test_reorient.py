@@ -1,4 +1,4 @@
-"""The commands `reorient` and `retention`."""
+"""The command `reorient`."""
 
 import json
 import signal
@@ -40,35 +40,11 @@ def test_ctrl_c_in_the_check_keeps_the_result(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr(reorient, 'repeat_actions_in_finer_steps', interrupted)
     (tmp_path / 'mine.yaml').write_text('nudge: {kind: kick, speed: 0.01, time: 2}\n')
-    ended = run(*WORDS, '--actions', 'mine.yaml', '--check-convergence', '--json')
+    words = ('--actions', 'mine.yaml', '--action', 'nudge', '--speed', 0.02)
+    ended = run(*WORDS, *words, '--check-convergence', '--json')
     assert ended.returncode == 130
     assert ended.stderr.splitlines()[-1] == 'interrupted; the result has 40 actions'
     document = json.loads(ended.stdout)
-    assert document['action']['time'] == 2
+    assert (document['action']['speed'], document['action']['time']) == (0.02, 2)
     assert (document['complete'], sum(document['actions'])) == (True, 40)
     assert 'convergence' not in document
-
-
-@pytest.mark.slow
-def test_report_has_page_figures_and_documents(run, tmp_path):
-    ended = run(*WORDS, '--action', 'tap,toss', '--wanted-classes', '1', '--report')
-    assert 'Report: out/tetrahedron/reorientation.html' in ended.stdout
-    out = tmp_path / 'out' / 'tetrahedron'
-    figures = [f'transitions_{action}' for action in ('tap', 'toss')]
-    expected = [f'{name}.{ending}' for name in figures for ending in ('png', 'svg')]
-    expected += ['reorientation.html', 'transitions.json', 'roadmap.json']
-    assert {file.name for file in out.iterdir()} == set(expected)
-    document = json.loads((out / 'transitions.json').read_text())
-    assert [each['action']['name'] for each in document['results']] == ['tap', 'toss']
-    assert document['plan'] == {
-        'wanted': [1, 2, 3, 4],
-        'action': [None] * 4,
-        'expected_time': [0.0] * 4,
-    }
-
-
-@pytest.mark.slow
-def test_page_of_retention_is_written(run, tmp_path):
-    words = ('retention', 'tetrahedron', '--per-height', 4, '--out', 'o', '--report')
-    assert run(*words).returncode == 0
-    assert '<dt>friction</dt>' in (tmp_path / 'o' / 'retention.html').read_text(encoding='utf-8')

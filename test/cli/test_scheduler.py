@@ -11,12 +11,12 @@ OUTPUTS = ('--json', '--poses', 'p.csv', '--out', 'o')
 
 
 @pytest.mark.slow
-def test_killed_worker_loses_no_drop(cluster, begin, wait_until, tmp_path):
+def test_killed_worker_loses_no_drop(cluster, begin, wait, tmp_path):
     # Bullet, so that there is time to kill a worker.
     words = ('drop', 'tetrahedron', '--drops', 400, '--engine', 'bullet', '--poses', 'p.csv')
     process = begin(*words, '--scheduler', cluster.scheduler_address)
     # It has written the first poses to its temporary file.
-    wait_until(lambda: any(len(p.read_bytes()) > 1000 for p in tmp_path.glob('p.*.part.csv')))
+    wait(lambda: any(len(p.read_bytes()) > 1000 for p in tmp_path.glob('p.*.part.csv')), 'poses')
     (killed, *_) = [nanny.pid for nanny in cluster.workers.values()]
     os.kill(killed, signal.SIGKILL)
     printed, errors = process.communicate(timeout=600)
@@ -29,7 +29,7 @@ def test_killed_worker_loses_no_drop(cluster, begin, wait_until, tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_saves_results_and_keeps_the_cluster(cluster, begin, ended, read_until, wait_until):
+def test_ctrl_c_saves_results_and_keeps_the_cluster(cluster, begin, ended, read_until, wait):
     words = ('drop', 'tetrahedron', '--drops', 2_000_000)
     process = begin(*words, '--scheduler', cluster.scheduler_address, *OUTPUTS)
     read_until(process.stderr, lambda line: re.match(r'tetrahedron: [1-9]\d* of \d+ drops', line))
@@ -38,5 +38,5 @@ def test_ctrl_c_saves_results_and_keeps_the_cluster(cluster, begin, ended, read_
     document, lines = ended(process, 130)
     assert document['drops'] > 0
     assert lines[-1] == f'interrupted; the result has {document["drops"]} of 2000000 drops'
-    wait_until(lambda: not cluster.scheduler.tasks)
+    wait(lambda: not cluster.scheduler.tasks, 'the end of the tasks')
     assert len(cluster.scheduler.workers) == 2

@@ -91,18 +91,16 @@ def test_split_bag_is_read_as_one_log(log, split, mode, name):
     messages = read(log)
     path = split(thirds(messages), mode) / name
     assert replayed(path) == [(each.topic, time, data) for each, time, data in messages]
-    found, expected = ra.read_log(path), ra.read_log(log)
-    assert found.distribution.counts.tolist() == expected.distribution.counts.tolist()
-    assert (found.run, found.complete) == (expected.run, True)
+    assert ra.read_log(path).distribution.drops == DROPS
     assert Recording(path).warning == ''
 
 
 def test_messages_of_files_that_overlap_are_in_time_order(log, split):
     # As of a recorder that writes topics at different times; the files are not listed in order.
     messages = read(log)
-    folder = split([messages[1::2], messages[::2]])
-    assert [time for _, time, _ in replayed(folder)] == [time for _, time, _ in messages]
-    assert sorted(replayed(folder)) == sorted((e.topic, time, data) for e, time, data in messages)
+    found = replayed(split([messages[1::2], messages[::2]]))
+    assert [time for _, time, _ in found] == [time for _, time, _ in messages]
+    assert sorted(found) == sorted((e.topic, time, data) for e, time, data in messages)
 
 
 def test_bag_that_cannot_be_read_is_refused(log, split, tmp_path):
@@ -117,38 +115,38 @@ def test_bag_that_cannot_be_read_is_refused(log, split, tmp_path):
             reader(one_by_one)
 
 
-def test_compressed_file_is_read(log, tmp_path, run):
-    (original,) = log.glob('*.mcap')
+@pytest.fixture
+def original(log):
+    (path,) = log.glob('*.mcap')
+    return path
+
+
+def test_compressed_file_is_read(original, tmp_path, run):
     packed = tmp_path / 'run.mcap.zst'
-    compressor = zstandard.ZstdCompressor()
-    half = original.stat().st_size // 2
+    compress = zstandard.ZstdCompressor().compress
     content = original.read_bytes()
     # Two frames, as of files that were compressed in blocks.
-    packed.write_bytes(compressor.compress(content[:half]) + compressor.compress(content[half:]))
+    packed.write_bytes(compress(content[:5000]) + compress(content[5000:]))
     assert replayed(packed) == replayed(original)
     assert f'{DROPS} of {DROPS}' in run('info', packed).stdout
     with pytest.raises(LogError, match='expected one file that is not compressed'):
         recover_log(packed)
 
 
-def test_damaged_compressed_file_is_refused_in_words(log, tmp_path, run):
-    (original,) = log.glob('*.mcap')
-    content = bytearray(
-        zstandard.ZstdCompressor(write_checksum=True).compress(original.read_bytes())
-    )
+def test_damaged_compressed_file_is_refused_in_words(original, tmp_path, run):
+    compressor = zstandard.ZstdCompressor(write_checksum=True)
+    content = bytearray(compressor.compress(original.read_bytes()))
     content[len(content) // 2] ^= 0xFF
     packed = tmp_path / 'run.mcap.zstd'
-    for damaged in (content, b'no log'):
-        packed.write_bytes(damaged)
-        ended = run('info', packed)
-        assert ended.returncode != 0
-        (line,) = ended.stderr.splitlines()
-        assert 'run.mcap.zstd' in line
-        assert 'Error' not in line
+    packed.write_bytes(content)
+    ended = run('info', packed)
+    assert ended.returncode != 0
+    (line,) = ended.stderr.splitlines()
+    assert 'run.mcap.zstd' in line
+    assert 'Error' not in line
 
 
-def test_truncated_compressed_file_is_read_to_its_end(log, tmp_path):
-    (original,) = log.glob('*.mcap')
+def test_truncated_compressed_file_is_read_to_its_end(log, original, tmp_path):
     packed = tmp_path / 'run.mcap.zstd'
     compressor = zstandard.ZstdCompressor(level=-5).compressobj()
     content = compressor.compress(original.read_bytes()[: original.stat().st_size // 2])

@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -21,12 +20,11 @@ def test_closed_pipe_prints_no_error(begin):
 
 
 @pytest.mark.slow
-def test_full_disk_behind_stdout_prints_one_line(run_process):
+def test_full_disk_behind_stdout_prints_one_line(begin):
     with Path('/dev/full').open('w') as full:
-        ended = run_process(
-            'aspects', 'tetrahedron', capture_output=False, stdout=full, stderr=subprocess.PIPE
-        )
-    assert (ended.returncode, ended.stderr) == (1, f'error: standard output: {FULL}\n')
+        process = begin('aspects', 'tetrahedron', stdout=full)
+        errors = process.communicate(timeout=600)[1]
+    assert (process.returncode, errors) == (1, f'error: standard output: {FULL}\n')
 
 
 @pytest.mark.slow
@@ -50,16 +48,12 @@ def test_invalid_ros_domain_is_refused(run, environment):
     ended = run('nodes', env={**environment, 'ROS_DOMAIN_ID': '\x1b[31m'})
     assert (ended.returncode, ended.stdout) == (2, '')
     (line,) = ended.stderr.splitlines()
-    assert 'ROS_DOMAIN_ID' in line
-    assert line.isprintable()
+    assert ('ROS_DOMAIN_ID' in line, line.isprintable()) == (True, True)
 
 
 def test_names_with_control_characters_are_escaped_in_titles(run, tmp_path):
     odd = 'a\x1b[31m\x07b'
-    (tmp_path / f'{odd}.csv').write_text('qx,qy,qz,qw\n0,0,0,1\n0,0,0,1\n')
-    (tmp_path / f'{odd}.m').write_text('aspect,count\n1,5\n2,3\n')
-    for words in (('classify', f'{odd}.csv'), ('compare', f'{odd}.m', f'{odd}.m')):
-        ended = run(*words)
-        assert ended.returncode == 0, ended.stderr
-        assert r'\x1b[31m\x07' in ended.stdout
-        assert '\x1b' not in ended.stdout + ended.stderr
+    (tmp_path / odd).write_text('qx,qy,qz,qw\n0,0,0,1\n0,0,0,1\n')
+    shown = run('classify', odd).stdout
+    assert r'\x1b[31m\x07' in shown
+    assert '\x1b' not in shown

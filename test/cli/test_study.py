@@ -9,27 +9,17 @@ from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.simulation.conditions import QUANTITIES
 
 
-@pytest.fixture
-def own(tmp_path):
-    """A file with one surface, ice, as `calibrate` writes it: without those of the suite."""
-    mat = shipped_surfaces().get()
-    entry = {name: getattr(mat, name) for name in QUANTITIES} | {
-        'height_of': 'LOWEST_POINT',
-        'friction': 0.02,
-        'uncertainty': {'friction': [0.3 + k / 100 for k in range(8)]},
-    }
-    path = tmp_path / 'own.yaml'
-    path.write_text(yaml.safe_dump({'ice': entry}), encoding='utf-8')
-    return path
-
-
 @pytest.mark.slow
-def test_study_writes_its_folder_and_continues_it(run, own, tmp_path):
+def test_study_writes_its_folder_and_continues_it(run, tmp_path):
+    # A file with one surface, as `calibrate` writes it: without those of the suite.
+    mat = shipped_surfaces().get()
+    ice = {name: getattr(mat, name) for name in QUANTITIES} | {'friction': 0.02}
+    own = tmp_path / 'own.yaml'
+    own.write_text(yaml.safe_dump({'ice': {**ice, 'height_of': 'LOWEST_POINT'}}))
     words = ('--vary', 'restitution=0.1:0.4', '--vary', 'height=20mm:40mm')
     few = ('--points', '2', '--drops', '20', '--workers', '1', '--out', 'out')
     first = run('study', 'tetrahedron', *words, *few, '--surfaces', own, '--surface', 'ice')
     assert first.returncode == 0, first.stderr
-    assert '* Restitution' in first.stdout
     assert first.stdout.count('\n* ') == 2
     assert 'Report: out/page.html' in first.stdout
     names = {path.name for path in (tmp_path / 'out').iterdir()}
@@ -42,8 +32,4 @@ def test_study_writes_its_folder_and_continues_it(run, own, tmp_path):
     assert more.returncode == 0, more.stderr
     assert (tmp_path / 'out/points.jsonl').read_bytes().startswith(before)
     with (tmp_path / 'out/results.csv').open() as file:
-        rows = list(csv.DictReader(file))
-    assert {int(row['point']) for row in rows} == set(range(3 * 2 * 7))
-    page = (tmp_path / 'out/page.html').read_text()
-    assert 'Sobol indices' in page
-    assert 'http' not in page.replace('http://www.w3.org', '').replace('https://www.w3.org', '')
+        assert {int(row['point']) for row in csv.DictReader(file)} == set(range(3 * 2 * 7))

@@ -1,6 +1,5 @@
 """`resting_aspects track`: its output, files and exit codes."""
 
-import csv
 import json
 
 import pytest
@@ -20,8 +19,6 @@ def test_files_have_what_the_flags_state(run, tmp_path):
     track = document['track']
     assert (track['width'], track['speed'], track['fill']) == (0.04, 0.08, 0.5)
     assert track['wall'] == {'height': 0.02, 'friction': 0.1}
-    with (tmp_path / 'orientations.csv').open(encoding='utf-8') as file:
-        assert len(list(csv.DictReader(file))) == len(document['orientations'])
 
 
 @pytest.mark.slow

