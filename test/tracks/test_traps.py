@@ -10,10 +10,7 @@ import pytest
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.tracks import support
 from resting_aspects_ros.tracks.description import Track
-from resting_aspects_ros.tracks.design import (
-    Band,
-    design_traps,
-)
+from resting_aspects_ros.tracks.design import Band, design_traps
 from resting_aspects_ros.tracks.orientations import mirror_images
 from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
 from resting_aspects_ros.tracks.traps import (
@@ -52,12 +49,8 @@ def inclined(roll=0.0, pitch=0.0):
     [
         # The distance of the centre of mass from the wall, to which the resultant moves.
         (Balcony(0.015), LEVEL, 0.010),
-        *(
-            (Balcony(0.015), inclined(roll), 0.010 - 0.005 * math.tan(math.radians(roll)))
-            for roll in (2.0, 5.0, 15.0)
-        ),
+        (Balcony(0.015), inclined(roll=15), 0.010 - 0.005 * math.tan(math.radians(15))),
         # Half of the length.
-        (Gap(0.01), LEVEL, 0.015),
         (Gap(0.01), inclined(pitch=10), 0.015 - 0.005 * math.tan(math.radians(10))),
         (Slot(0.0, 0.03, 0.01), LEVEL, 0.015),  # a gap where it is wide
         (Projection(0.002), Surface(width=0.015), 0.005),  # it moves the part over the edge
@@ -70,20 +63,18 @@ def test_critical_values_of_a_box(box, trap, surface, expected):
 @pytest.mark.parametrize(
     ('trap', 'outcome'),
     [
-        (Canyon(0.008, 0.019), 'pass'),  # the part bridges it
         (Canyon(0.008, 0.021), 'reject'),
         (Canyon(0.011, 0.021), 'pass'),
-        (Slot(0.005, 0.015, 0.06), 'pass'),
-        (Wiper(0.0101), 'pass'),
+        (Gap(0.0165), 'jam'),  # its nose dips
+        (Gap(0.0170), 'reject'),
         (Wiper(0.0098), 'jam'),
         (Wiper(0.005), 'reject'),
         (HoldDown(0.005), 'jam'),
         (Projection(0.01, 0.02, 0.03), 'pass'),  # above the part
         # Statics does not tell how a part drops or is lifted.
         (Groove(0.008, 0.021), 'unknown'),
-        (Groove(0.008, 0.019), 'pass'),
+        (Groove(0.008, 0.019), 'pass'),  # the part bridges it
         (Rail(0.008, 0.021), 'unknown'),
-        (Rail(0.008, 0.019), 'pass'),
         (Riser(0.015, 0.002), 'unknown'),
         (Riser(0.021, 0.002), 'pass'),
     ],
