@@ -50,11 +50,11 @@ def run_over(case, trap, track, count=4):
         (Gap(0.035), {}, 'reject'),  # longer than the part
         (Balcony(0.013), {}, 'pass'),
         (HoldDown(0.006), {}, 'jam'),
+        (Groove(0.002, 0.030, 0.006), {}, 'turn'),  # wider than the part
         (Balcony(0.007), {}, 'reject'),  # its centre is beyond the edge
         (Canyon(0.003, 0.039), {}, 'reject'),
         (Projection(0.009), NARROW, 'reject'),  # it pushes the part over the edge
         (Projection(0.009, 0.02, 0.03), NARROW, 'pass'),  # above the part
-        (Groove(0.002, 0.030, 0.006), {}, 'turn'),  # wider than the part
         (Groove(0.005, 0.015, 0.006), {}, 'pass'),
         (Rail(0.001, 0.039), {}, 'reject'),  # rails that are farther apart than the part
     ],

@@ -89,8 +89,10 @@ def test_contradictory_traps_let_nothing_pass():
     traps = [{'kind': 'wiper', 'height': '10mm'}, {'kind': 'hold_down', 'height': '5mm'}]
     with pytest.warns(ra.RestingAspectsWarning, match='1000 mm.*numbers without a unit are in m'):
         found = tracked([*traps, {'kind': 'wiper', 'height': 1}])
-    assert found.passage.good == found.passage.rate == (0, 0)
-    assert found.passage.jams == pytest.approx(found.rows[0].probability)
+    on = found.passage
+    assert on.good == on.rate == (0, 0)
+    assert on.jams == pytest.approx(found.rows[0].probability)
+    assert on.returned == pytest.approx([on.arrivals * (1 - on.jams)] * 2)
     assert found.document()['passes_per_part'] == [None, None]
     assert any('No part in row 1' in text and 'Trap 2' in text for text in found.sentences)
 
