@@ -150,7 +150,7 @@ def served(opener):
 
     def run(task, **options):
         async def main():
-            studio = Studio(['l_bracket'], **options)
+            studio = Studio(**options)
             studio._tools = LocalWorkers(2), opener
             server = TestServer(make_app(studio), host='127.0.0.1')
             async with TestClient(server) as client:

@@ -138,7 +138,7 @@ def test_end_tells_the_tab_and_leaves_no_thread_and_no_file(served):
 
 def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, monkeypatch):
     async def main():
-        studio, over = Studio(['l_bracket']), asyncio.Event()
+        studio, over = Studio(), asyncio.Event()
         studio._tools = LocalWorkers(2), opener
         make, started, closed = studio._new_seat, asyncio.Event(), asyncio.Event()
         address = asyncio.get_running_loop().create_future()

@@ -12,8 +12,7 @@ from resting_aspects_ros.tracks import support, traps
 from resting_aspects_ros.tracks.description import Track
 from resting_aspects_ros.tracks.design import Band, design_traps
 from resting_aspects_ros.tracks.orientations import mirror_images
-from resting_aspects_ros.tracks.rate import Tolerance, pass_traps
-from resting_aspects_ros.tracks.sensor import confusion
+from resting_aspects_ros.tracks.rate import Tolerance, confusion, pass_traps
 
 LEVEL = traps.Surface(width=0.08)
 
@@ -173,13 +172,14 @@ def test_simulated_bands_replace_the_critical_values_of_a_design(part, rows_of):
         return Band(math.nan, value - 0.001 if trap.kind == 'wiper' else math.inf)
 
     on = pass_traps(shape, rows, Track(traps.Surface(width=0.05)), (flat.id,))
-    found = design_traps(on, measure=lambda asked: list(starmap(band, asked))).designs[0]
+    result = design_traps(on, measure=lambda asked: list(starmap(band, asked)))
+    found = result.designs[0]
     (trap,) = found.passage.track.traps
     heights = sorted({round(row.height, 6) for row in rows})
     assert trap.height == pytest.approx((heights[0] + 0.002 + heights[1] - 0.001) / 2, abs=1e-5)
     assert found.margin == pytest.approx((heights[1] - heights[0] - 0.003) / 2, abs=1e-5)
     assert len(measured) == len(set(measured))
-    assert {row for *_, row, _ in found.bands} == {row.id for row in rows}
+    assert {row for *_, row, _ in result.bands} == {row.id for row in rows}
 
 
 @pytest.mark.slow
