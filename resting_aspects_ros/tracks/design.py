@@ -195,11 +195,11 @@ def design_traps(
 
     alike = tuple(ids[j] for j in found.same.tolist())
     if found.best:
-        used = {option.family: option.trap for option in found.best[0].options}
         seen = [
-            (used[f], families[f].dimension, ids[j], band)
+            (option.trap, families[f].dimension, ids[j], band)
+            for option in found.best[0].options
             for (f, j), band in bands.items()
-            if f in used
+            if option.family == f
         ]
         return DesignResult(tuple(map(made, found.best)), alike, bands=tuple(seen))
     remaining = tuple(ids[j] for j in found.never_rejected())
