@@ -142,16 +142,6 @@ def test_without_a_design_other_rows_are_named():
     assert any('these wanted rows' in text for text in found.advice)
 
 
-@pytest.mark.slow
-def test_rare_rows_are_summed_up_in_tables_but_not_in_files():
-    found = ra.track('washer', {**NUT, 'traps': [WIPER]}, **FEW)
-    assert [row.probability for row in found.rows] == pytest.approx([1, 0, 0])
-    assert [len(table.rows) for table in found.tables()] == [1, 1]
-    assert '2 other rows are not shown, with 0.0 % of the parts' in found.tables()[0].caption
-    assert len(found.document()['orientations']) == 3
-    assert len(ra.track('washer', NUT, [2], **FEW).tables()[0].rows) == 2
-
-
 # -- wrong, implausible and contradictory tracks -------------------------------------------------
 
 

@@ -1,8 +1,10 @@
 """A studio without a browser: its rooms, its server, and a part that is opened already."""
 
 import asyncio
+import functools
 import json
 import threading
+from types import SimpleNamespace
 
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
@@ -40,24 +42,11 @@ class Shown:
             return found()[0]
 
 
-class InThisProcess:
-    """Opens parts without a process, which takes seconds to start."""
-
-    def __init__(self):
-        self.known = {}
-
-    def open(self, source, step, stopped):
-        if source not in self.known:
-            self.known[source] = open_part(source, step)
-        return self.known[source]
-
-    def end(self):
-        pass
-
-
 @pytest.fixture(scope='session')
 def opener():
-    return InThisProcess()
+    """Opens parts without a process, which takes seconds to start."""
+    known = functools.cache(open_part)
+    return SimpleNamespace(open=lambda source, *_: known(source), end=lambda: None)
 
 
 @pytest.fixture(scope='session')

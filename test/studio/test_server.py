@@ -2,7 +2,6 @@
 
 import argparse
 import asyncio
-import contextlib
 import os
 import signal
 import threading
@@ -10,7 +9,6 @@ import urllib.request
 import webbrowser
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from aiohttp import ClientSession
@@ -46,8 +44,7 @@ def test_upload_that_fails_is_removed_and_is_one_sentence(served, monkeypatch):
 
     async def task(site):
         tab = await site.join()
-        file = contextlib.nullcontext(SimpleNamespace(write=full))
-        monkeypatch.setattr(Path, 'open', lambda *_: file)
+        monkeypatch.setattr(Path, 'open', full)
         answer = await site.upload(tab, 'part.stl', b'x')
         left = list(site.studio.seats[tab.room].room.folder.iterdir())
         return answer.status, await answer.text(), left
