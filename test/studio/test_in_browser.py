@@ -96,6 +96,7 @@ def test_changes_by_mouse_and_keyboard_outlive_a_reload(browser, address):
         page.keyboard.press('ArrowRight')
         assert page.locator('#tab-outlines').get_attribute('aria-selected') == 'true'
         page.locator('#panel-outlines table').first.wait_for()
+        page.keyboard.press('Home')
         page.reload()
         done(page)
         field = page.locator('input[type=number][data-set="condition.restitution"]')
