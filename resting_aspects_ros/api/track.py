@@ -47,8 +47,7 @@ from resting_aspects_ros.tracks.design import (
     design_traps,
 )
 from resting_aspects_ros.tracks.orientations import Orientation, orientations_on
-from resting_aspects_ros.tracks.rate import Passage, Tolerance, pass_traps
-from resting_aspects_ros.tracks.sensor import confusion
+from resting_aspects_ros.tracks.rate import Passage, Tolerance, confusion, pass_traps
 from resting_aspects_ros.tracks.show import margin_text, rows_text
 from resting_aspects_ros.tracks.simulate import (
     CHUNK,
@@ -385,18 +384,18 @@ def _advice(on: Passage, found: DesignResult) -> Iterator[str]:
             texts = [f'{number} (margin {margin_text(margin)})' for number, margin in found.others]
             by = ', by statics' if found.bands else ''
             yield f'Traps exist for these wanted rows{by}: {", ".join(texts[:3])}.'
-    for kind in sorted({trap.kind for trap, *_ in found.bands}):
-        failed = [
-            row
-            for trap, _, row, band in found.bands
-            if trap.kind == kind and math.inf in (band.passes, band.rejects)
-        ]
-        if failed:
-            yield (
-                f'Simulated at {1e3 * on.track.speed:g} mm/s, no {kind} within 16 mm of its '
-                f'critical value passes or rejects {rows_text(sorted({*failed}))} as '
-                'statics says: its parts jam or turn.'
-            )
+        for kind in sorted({trap.kind for trap, *_ in found.bands}):
+            failed = [
+                row
+                for trap, _, row, band in found.bands
+                if trap.kind == kind and math.inf in (band.passes, band.rejects)
+            ]
+            if failed:
+                yield (
+                    f'Simulated at {1e3 * on.track.speed:g} mm/s, no {kind} within 16 mm of its '
+                    f'critical value passes or rejects {rows_text(sorted({*failed}))} as '
+                    'statics says: its parts jam or turn.'
+                )
     by_id = {row.id: row for row in on.rows}
     mixed = [number for number in found.alike if number not in on.wanted]
     for other in [*mixed, *found.remaining]:

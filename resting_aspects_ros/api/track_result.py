@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import shapely
@@ -27,7 +27,6 @@ from resting_aspects_ros.tracks.show import (
     flow_figure,
     interval_words,
     margin_text,
-    outcome_fields,
     range_text,
     row_fields,
     row_table,
@@ -112,9 +111,7 @@ class TrackResult(Result):
     @property
     def bands(self) -> tuple[tuple[Trap, str, int, Band], ...]:
         """Of a design by simulation: trap, its dimension, row, and the grey band."""
-        if self.design is None:
-            return ()
-        return self.design.designs[0].bands if self.design.designs else self.design.bands
+        return () if self.design is None else self.design.bands
 
     @property
     def complete(self) -> bool:
@@ -373,13 +370,14 @@ class TrackResult(Result):
 
     def _trap_fields(self) -> list[dict[str, Any]]:
         found = self.passage
-        traps: Any = found.track.document['traps']
+        traps, outcomes = found.track.document['traps'], cast(Any, plain(found.outcomes))
         return [
             {
                 **trap,
                 'results': [
                     {
-                        **outcome_fields(row.id, found.outcomes[t][k]),
+                        'id': row.id,
+                        **outcomes[t][k],
                         'simulated': self._run_fields(t, k),
                     }
                     for k, row in enumerate(self.rows)

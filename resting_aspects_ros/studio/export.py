@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from resting_aspects_ros.api.conditions import shipped_surfaces, surface_entry, surface_text
-from resting_aspects_ros.api.drop import drop
 from resting_aspects_ros.api.outlines import outlines
 from resting_aspects_ros.api.reorient import DEFAULT_PER_ASPECT
-from resting_aspects_ros.api.result import poses_file
 from resting_aspects_ros.api.track import default_track
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.report.drops import distribution_table
@@ -27,7 +25,7 @@ from resting_aspects_ros.simulation.conditions import (
 from resting_aspects_ros.simulation.surroundings import named_surroundings
 from resting_aspects_ros.studio.rows import Opened, Source
 from resting_aspects_ros.studio.settings import Rail, Settings, counts_csv, dimensions
-from resting_aspects_ros.studio.work import Work, drop_options
+from resting_aspects_ros.studio.work import Work
 
 # The file that the tab Export offers, and the surface in it.
 SURFACES_FILE, OWN_SURFACE = 'surfaces.yaml', 'studio'
@@ -60,7 +58,7 @@ def drop_recipe(source: Source, settings: Settings) -> Recipe:
     number = {'precision': settings.precision} if settings.precision else {'drops': settings.drops}
     values: dict[str, Any] = {**number, 'seed': settings.seed}
     surface = _Surface(settings.conditions)
-    words = [*_part_words(source), *_flags(values), *surface.flags]
+    words = [*_flags(values), *surface.flags]
     return _recipe('drop', source, words, '', {**values, **surface.values}, settings)
 
 
@@ -70,7 +68,7 @@ def reorient_recipe(source: Source, settings: Settings) -> Recipe:
     name = action.name.removesuffix('_changed')
     values = {'seed': settings.seed}
     surface = _Surface(settings.conditions)
-    words = [*_part_words(source), '--action', name]
+    words = ['--action', name]
     argument = repr(name)
     if name != action.name:
         words += _flags(action.action.numbers)
@@ -91,7 +89,6 @@ def forecast_recipe(source: Source, settings: Settings) -> Recipe:
     classes = sorted(settings.pickable)
     surface = _Surface(settings.conditions)
     words = [
-        *_part_words(source),
         '--pickable-classes',
         ','.join(map(str, classes)),
         *_flags({**values, 'seed': settings.seed, 'action': cell.action}),
@@ -128,7 +125,6 @@ def track_recipe(opened: Opened, settings: Settings) -> Recipe:
         numbers = ','.join(f'{name}={getattr(each, name)!r}' for name in quantities_of(each))
         traps += ['--trap', f'{each.kind}:{numbers}']
     words = [
-        *_part_words(opened.source),
         *traps,
         *_flags({'want': rail.want, **_rail_changes(rail), **values}),
         *surface.flags,
@@ -152,7 +148,7 @@ def _rail_changes(rail: Rail) -> dict[str, Any]:
 
 def outlines_recipe(source: Source) -> Recipe:
     """Return how the outlines are found."""
-    return _recipe('outlines', source, _part_words(source), '', {})
+    return _recipe('outlines', source, [], '', {})
 
 
 def reorient_options(settings: Settings) -> dict[str, Any]:
@@ -225,7 +221,8 @@ def _recipe(
 
     ``settings`` are given if their surroundings matter.
     """
-    words = ['resting_aspects', verb, *words]
+    given = f'./{source.given}' if source.given.startswith('-') else source.given
+    words = ['resting_aspects', verb, given, *_flags(file_values(source)), *words]
     arguments = ['part', *([first] if first else []), *([_arguments(values)] if values else [])]
     around = None if settings is None else settings.conditions.surroundings
     if around is not None and settings is not None:
@@ -244,11 +241,6 @@ def _recipe(
         'print(result.to_json())\n'
     )
     return Recipe(shlex.join(words), python)
-
-
-def _part_words(source: Source) -> list[str]:
-    given = f'./{source.given}' if source.given.startswith('-') else source.given
-    return [given, *_flags(file_values(source))]
 
 
 def file_values(source: Source) -> dict[str, Any]:
@@ -292,12 +284,6 @@ class File:
 def _table(work: Work) -> Table:
     drops = work.drops()
     return distribution_table(drops.distribution, drops.title, drops.part)
-
-
-def _save_poses(work: Work, path: Path) -> None:
-    with poses_file('poses', path) as write:
-        options = {**drop_options(work.settings), 'workers': work.workers}
-        drop(work.opened.part, keep_poses=False, consumers=[write], **options)
 
 
 def _save_surfaces(work: Work, path: Path) -> None:
@@ -344,7 +330,6 @@ FILES = {
             _XLSX,
             lambda work, path: save_xlsx([_table(work)], path),
         ),
-        File('poses.csv', 'the resting pose of each drop as CSV', 'text/csv', _save_poses),
         File(
             'distribution.png',
             'the bars as a picture',

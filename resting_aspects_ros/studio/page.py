@@ -6,6 +6,8 @@ from typing import Any
 
 import jinja2
 
+from resting_aspects_ros.system import parts_folder
+
 # The title of each tab, in the order on the page; see tabs.py for what they show.
 TITLES = {
     'aspects': 'Aspects',
@@ -17,6 +19,11 @@ TITLES = {
     'counts': 'Hand counts',
     'export': 'Export',
 }
+
+
+def examples() -> list[str]:
+    """Return the names of the example parts."""
+    return sorted(path.stem for path in parts_folder().glob('*.stl'))
 
 
 @functools.cache

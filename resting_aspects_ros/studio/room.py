@@ -32,7 +32,7 @@ from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS
 from resting_aspects_ros.report.page import Text, items_html
 from resting_aspects_ros.simulation.workers import Workers
 from resting_aspects_ros.studio.opening import Opener
-from resting_aspects_ros.studio.page import controls_html
+from resting_aspects_ros.studio.page import controls_html, examples
 from resting_aspects_ros.studio.rows import Opened, Source
 from resting_aspects_ros.studio.settings import (
     PRECISIONS,
@@ -45,7 +45,6 @@ from resting_aspects_ros.studio.settings import (
 )
 from resting_aspects_ros.studio.tabs import TABS
 from resting_aspects_ros.studio.work import Publish, Work
-from resting_aspects_ros.system import parts_folder
 
 # Results that are kept for when settings are chosen again.
 KEPT = 8
@@ -355,11 +354,6 @@ def _resembles(surface: str) -> str:
     if not surface:
         return 'Own conditions.'
     return _sentence(shipped_surfaces().source(surface).partition('. ')[0].partition(': ')[0])
-
-
-def examples() -> list[str]:
-    """Return the names of the example parts."""
-    return sorted(path.stem for path in parts_folder().glob('*.stl'))
 
 
 def _note(text: str) -> Text:

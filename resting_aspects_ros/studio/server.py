@@ -15,7 +15,7 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from resting_aspects_ros.errors import RestingAspectsError, one_line, shown
-from resting_aspects_ros.studio.page import TITLES, templates
+from resting_aspects_ros.studio.page import TITLES, examples, templates
 from resting_aspects_ros.system import available_cores
 
 if TYPE_CHECKING:  # these imports are slow
@@ -37,7 +37,6 @@ NAMES = ('127.0.0.1', 'localhost', '[::1]')
 TOKEN_BYTES = 16
 MAX_UPLOAD = 256 << 20  # bytes, the maximum of a mesh file
 MAX_MESSAGE = 64 << 10  # bytes
-MAX_ROOMS = 32
 PERIOD = 0.05  # s, between messages to a tab
 ROOM_LIFE = 600.0  # s, after its last tab
 RELOAD = 1.0  # s, in which the tab that was there before a reload closes its socket
@@ -114,7 +113,7 @@ class Seat:
     """
 
     key: str
-    room: 'Room'
+    room: 'Room' = field(init=False)  # made after the seat, to which it publishes
     socket: web.WebSocketResponse | None = None
     left: float = 0.0
     latest: dict[str, str] = field(default_factory=dict)
@@ -137,20 +136,16 @@ class Studio:
 
     Parameters
     ----------
-    examples : sequence of str
-        Names of the example parts.
     first : str
         The part that a new room opens: an example or a file; empty for none.
     clock : callable
         Returns seconds.
     """
 
-    def __init__(
-        self, examples: list[str], first: str = '', clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, first: str = '', clock: Callable[[], float] = time.monotonic) -> None:
         self.token = secrets.token_urlsafe(TOKEN_BYTES)
         self.port = 0
-        self.examples, self.first, self.clock = examples, first, clock
+        self.first, self.clock = first, clock
         self.folder = Path(tempfile.mkdtemp(prefix='resting_aspects_studio_'))
         self.seats: dict[str, Seat] = {}
         self._lock = threading.Lock()
@@ -185,44 +180,31 @@ class Studio:
             if known.socket is None:
                 return known
         await self.end_left_rooms()
-        if len(self.seats) >= MAX_ROOMS:
-            raise RestingAspectsError(f'there are {MAX_ROOMS} tabs already: close one of them')
         return await self._new_seat()
 
     async def _new_seat(self) -> Seat:
         loop = asyncio.get_running_loop()
-        key = secrets.token_urlsafe(TOKEN_BYTES)
-        (self.folder / key).mkdir()
-        seats: list[Seat] = []
-        early: list[tuple[str, str]] = []
-
-        def put(topic: str, text: str) -> None:
-            if seats:
-                seats[0].put(topic, text)
-            else:
-                early.append((topic, text))
+        seat = Seat(secrets.token_urlsafe(TOKEN_BYTES))
+        folder = self.folder / seat.key
+        folder.mkdir()
 
         def publish(topic: str, message: dict[str, Any]) -> None:
             text = json.dumps({'topic': topic, **message})
             with contextlib.suppress(RuntimeError):  # the loop has ended
-                loop.call_soon_threadsafe(put, topic, text)
+                loop.call_soon_threadsafe(seat.put, topic, text)
 
         def make() -> 'Room':
             from resting_aspects_ros.studio.room import Room
 
             workers, opener = self.tools()
-            return Room(workers, opener, publish, self.folder / key, self.clock)
+            return Room(workers, opener, publish, folder, self.clock)
 
-        room = await loop.run_in_executor(None, make)
-        seat = Seat(key, room)
-        seats.append(seat)
-        for each in early:
-            seat.put(*each)
-        self.seats[key] = seat
+        seat.room = await loop.run_in_executor(None, make)
+        self.seats[seat.key] = seat
         if self.first:
             from resting_aspects_ros.studio.rows import source_of
 
-            room.open(source_of(self.first))
+            seat.room.open(source_of(self.first))
         return seat
 
     async def end_left_rooms(self) -> None:
@@ -270,16 +252,11 @@ def make_app(studio: Studio) -> web.Application:
     app.router.add_put('/{token}/part/{room}/{side}', _upload)
     app.router.add_get('/{token}/file/{room}/{name}', _file)
     app.on_shutdown.append(lambda _: studio.close_sockets())
-    app.cleanup_ctx.append(_life)
+    app.on_cleanup.append(lambda _: studio.end())
     return app
 
 
-async def _life(app: web.Application) -> AsyncIterator[None]:
-    yield
-    await app[STUDIO].end()
-
-
-async def _page(request: web.Request) -> web.Response:
+async def _page(_request: web.Request) -> web.Response:
     nonce = secrets.token_urlsafe(TOKEN_BYTES)
     html = (
         templates()
@@ -287,7 +264,7 @@ async def _page(request: web.Request) -> web.Response:
         .render(
             nonce=nonce,
             tabs=TITLES,
-            examples=request.app[STUDIO].examples,
+            examples=examples(),
             units=UNITS,
             endings=','.join(f'.{each}' for each in ENDINGS),
         )

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 from resting_aspects_ros.api.conditions import shipped_actions, shipped_surfaces
 from resting_aspects_ros.api.forecast import CLEARANCE, IMAGE, ROBOT, TRAY
@@ -34,7 +34,6 @@ from resting_aspects_ros.studio.page import TITLES
 from resting_aspects_ros.tracks.description import MAX_TRAPS, Track, Wall
 from resting_aspects_ros.tracks.traps import KINDS, CutOut, Surface, Trap, read_trap
 
-T = TypeVar('T')
 Changes: TypeAlias = dict[str, Any]
 
 DROPS = 2000
@@ -160,8 +159,6 @@ class Settings:
         Their name; empty for a level plane. ``conditions`` have the surroundings themselves.
     pickable : frozenset of int
         Numbers of symmetry classes.
-    plan : frozenset of str
-        Names of the actions among which the best plan chooses.
     other : DropConditions
         Those of the second side of a comparison.
     counts : mapping of str to int
@@ -180,7 +177,6 @@ class Settings:
     classes: int = 0
     pickable: frozenset[int] = frozenset()
     action: NamedAction = field(default_factory=_default_action)
-    plan: frozenset[str] = frozenset({'tap', 'hard_tap', 'toss'})
     cell: Cell = Cell()
     rail: Rail = Rail()
     other: DropConditions = field(default_factory=_default_conditions)
@@ -253,11 +249,6 @@ def _quantity(known: Mapping[str, Quantity], key: str) -> Quantity:
     return known[key]
 
 
-def _with_or_without(chosen: frozenset[T], each: T, name: str, value: Any) -> frozenset[T]:
-    """Return the set with an element if the value is true, else without it."""
-    return chosen - {each} | ({each} if _truth(name, value) else frozenset())
-
-
 # What each group of controls changes: called with the settings, the rest of the name of the
 # control, and the value.
 
@@ -291,7 +282,8 @@ def _set_dimension(settings: Settings, key: str, value: Any) -> Changes:
 
 def _set_pickable(settings: Settings, key: str, value: Any) -> Changes:
     number = _integer('class', key, 1, settings.classes)
-    return {'pickable': _with_or_without(settings.pickable, number, 'pickable', value)}
+    without = settings.pickable - {number}
+    return {'pickable': without | {number} if _truth('pickable', value) else without}
 
 
 def _set_action(settings: Settings, key: str, value: Any) -> Changes:
@@ -306,11 +298,6 @@ def _set_action(settings: Settings, key: str, value: Any) -> Changes:
         return {'action': shipped}
     # The name that `resting_aspects reorient` gives an action with other values.
     return {'action': NamedAction(f'{shipped.name}_changed', made, before.time)}
-
-
-def _set_plan(settings: Settings, key: str, value: Any) -> Changes:
-    name = _choice('action', key, shipped_actions().names())
-    return {'plan': _with_or_without(settings.plan, name, 'action', value)}
 
 
 def _set_cell(settings: Settings, key: str, value: Any) -> Changes:
@@ -414,7 +401,6 @@ _CHANGES: dict[str, Callable[[Settings, str, Any], Changes]] = {
     },
     'pickable': _set_pickable,
     'action': _set_action,
-    'plan': _set_plan,
     'cell': _set_cell,
     'rail': _set_rail,
     'trap': _set_trap,
@@ -558,8 +544,6 @@ def control_values(settings: Settings) -> Iterator[tuple[str, Any]]:
     yield 'other.surface', settings.other.surface
     for number in range(1, settings.classes + 1):
         yield f'pickable.{number}', number in settings.pickable
-    for name in shipped_actions().names():
-        yield f'plan.{name}', name in settings.plan
     for name, count in settings.counts.items():
         yield f'count.{name}', str(count)
     for each in [

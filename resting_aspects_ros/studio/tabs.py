@@ -161,6 +161,8 @@ def _outline_tile(result: OutlinesResult, k: int) -> Tile:
 
 # -- Reorientation: how an action brings the part from aspect to aspect, and the best plan --------
 
+# The best plan chooses among the shown action and these.
+PLAN_ACTIONS = ('hard_tap', 'tap', 'toss')
 NO_PLAN = 'Mark a class as pickable in the tab Aspects to see the best plan that leads to it.'
 
 
@@ -180,7 +182,7 @@ def _show_reorientation(work: Work) -> None:
     _show_transitions(work, result, wanted, None)
     if not wanted or not result.complete:
         return
-    names = sorted(work.settings.plan - {result.action.name})
+    names = [name for name in PLAN_ACTIONS if name != result.action.name]
     results = [result, *(_reoriented(work, shipped_actions().get(name)) for name in names)]
     if not work.stopped():
         _show_transitions(work, result, wanted, plan_reorientation(results, wanted))

@@ -101,13 +101,10 @@ class Design:
         The track with its own traps and these, and what they do to each row.
     margin : float
         Least margin of these traps, over all their dimensions, m.
-    bands : tuple of (Trap, str, int, Band)
-        Of simulated parts: trap, its dimension, row and band.
     """
 
     passage: Passage
     margin: float
-    bands: tuple[tuple[Trap, str, int, Band], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +124,8 @@ class DesignResult:
     others : tuple of (int, float)
         If there is no design: rows for which there is one, and its margin, m, best first.
     bands : tuple of (Trap, str, int, Band)
-        If there is no design: all simulated bands, as in Design.
+        Of simulated parts: trap, its dimension, row and band; of the best design, or, if there is
+        none, all of them.
     """
 
     designs: tuple[Design, ...]
@@ -191,25 +189,19 @@ def design_traps(
 
     def made(best: '_Best') -> Design:
         traps = _ordered([option.trap for option in best.options])
-        found = [tuple(outcomes(on.rows, trap, on.track.surface, on.part)) for trap in traps]
-        return Design(
-            replace(
-                on,
-                track=replace(on.track, traps=(*on.track.traps, *traps)),
-                outcomes=(*on.outcomes, *found),
-            ),
-            best.margin,
-            tuple(
-                (option.trap, families[f].dimension, ids[j], band)
-                for option in best.options
-                for (f, j), band in bands.items()
-                if option.family == f
-            ),
-        )
+        more = [tuple(outcomes(on.rows, trap, on.track.surface, on.part)) for trap in traps]
+        track = replace(on.track, traps=(*on.track.traps, *traps))
+        return Design(replace(on, track=track, outcomes=(*on.outcomes, *more)), best.margin)
 
     alike = tuple(ids[j] for j in found.same.tolist())
     if found.best:
-        return DesignResult(tuple(made(best) for best in found.best), alike)
+        seen = [
+            (option.trap, families[f].dimension, ids[j], band)
+            for option in found.best[0].options
+            for (f, j), band in bands.items()
+            if option.family == f
+        ]
+        return DesignResult(tuple(map(made, found.best)), alike, bands=tuple(seen))
     remaining = tuple(ids[j] for j in found.never_rejected())
     others = [
         (ids[j], search.best[0].margin)

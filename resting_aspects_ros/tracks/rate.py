@@ -6,8 +6,12 @@ the track that parts cover, and the mean length L of the parts that arrive,
 
     60 v phi E / L  good parts per minute,   1 / E passes for each of them,
 
-because a rejected part falls back and comes again in a new orientation. A sensor needs a distance
-between the parts: at most 60 v / (L + spacing) of them arrive per minute.
+because a rejected part falls back and comes again in a new orientation.
+
+A sensor is a camera with an air jet. Views of each row are made from its outline, with errors of
+the boundary, and identified as a camera above a tray would do it (`identify`). The row of the most
+probable pose is the answer; of rows that look the same, the one with the largest share. The jet
+needs a distance between the parts: at most 60 v / (L + spacing) of them arrive per minute.
 """
 
 import math
@@ -16,17 +20,26 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import shapely
 from scipy.special import ndtr
 
 from resting_aspects_ros.arrays import Array
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.tracks.description import Track
-from resting_aspects_ros.tracks.orientations import Orientation
+from resting_aspects_ros.tracks.orientations import Orientation, same_orientation
 from resting_aspects_ros.tracks.traps import MAX_SIZE, Balcony, Outcome, Sensor, Trap, outcomes
+from resting_aspects_ros.vision.fitting import OutlineNoise
+from resting_aspects_ros.vision.identification import identify, observed_polygon
+from resting_aspects_ros.vision.outline import seen_outline
+from resting_aspects_ros.vision.rolling import KnownPart
 
 # A tolerance is the half width that 3 standard deviations of a normal distribution fill.
 SIGMAS = 3.0
+# Views of each row.
+VIEWS = 20
+# Two orientations within this, rad, are one row.
+WITHIN = 0.1
 
 
 @dataclass(frozen=True)
@@ -211,7 +224,7 @@ def pass_traps(
     wanted : sequence of int
         Ids of rows; empty: the first row that the track supports and a part arrives in.
     confusions : mapping of Sensor to (n, n + 1) float
-        Confusion matrix of each sensor of the track; see sensor.py.
+        Matrix of each sensor of the track; see confusion.
 
     Raises
     ------
@@ -261,3 +274,63 @@ def _accepted(
     columns = [k for k, row in enumerate(rows) if row.id in wanted]
     shares = confusion[:, columns].sum(axis=1).tolist()
     return tuple(Outcome('pass' if share >= 0.5 else 'reject', share=share) for share in shares)
+
+
+# -- Sensors --------------------------------------------------------------------------------------
+
+
+def confusion(
+    known: KnownPart, rows: Sequence[Orientation], sd: float, seed: int, views: int = VIEWS
+) -> Array:
+    """Return the confusion matrix (n, n + 1) of the rows: shares of the views of a row.
+
+    Column j is the share that is identified as row j, the last one what is identified as none.
+
+    sd : standard deviation of the boundary that the camera sees, m
+    """
+    noise = OutlineNoise(sd)
+    counts = np.zeros((len(rows), len(rows) + 1))
+    for k, row in enumerate(rows):
+        outline = seen_outline(known.part, row.orientation)
+        random = np.random.default_rng((seed, 11, row.id))
+        for _ in range(views):
+            seen = _seen(outline, noise, random)
+            counts[k, _answer(seen, known, rows, noise)] += 1
+    return counts / views
+
+
+def _seen(
+    outline: shapely.Polygon, noise: OutlineNoise, random: np.random.Generator
+) -> shapely.Polygon:
+    """Return an outline whose boundary has independent errors at each correlation length."""
+    rings = [_ring(ring, noise, random) for ring in (outline.exterior, *outline.interiors)]
+    return shapely.Polygon(rings[0], rings[1:])
+
+
+def _ring(ring: shapely.LinearRing, noise: OutlineNoise, random: np.random.Generator) -> Array:
+    count = max(int(ring.length / noise.correlation), 8)
+    at = shapely.line_interpolate_point(ring, np.arange(count) / count, normalized=True)
+    points = np.concatenate([shapely.get_coordinates(ring)[:-1], shapely.get_coordinates(at)])
+    place = shapely.line_locate_point(ring, shapely.points(points))
+    points = points[np.argsort(place, kind='stable')]
+    return np.asarray(points + noise.sd * random.standard_normal(points.shape))
+
+
+def _answer(
+    seen: shapely.Polygon, known: KnownPart, rows: Sequence[Orientation], noise: OutlineNoise
+) -> int:
+    """Return the index of the row that a polygon is identified as; n: none."""
+    try:
+        best = identify(observed_polygon(seen), [known], noise).best
+    except InvalidValueError:  # the noise is so large that the polygon crosses itself
+        return len(rows)
+    if best is None:
+        return len(rows)
+    symmetry = known.aspects.symmetry
+    for k in sorted(range(len(rows)), key=lambda k: -rows[k].probability):
+        if any(
+            same_orientation(pose.orientation, rows[k].orientation, symmetry, WITHIN)
+            for pose in best.poses
+        ):
+            return k
+    return len(rows)

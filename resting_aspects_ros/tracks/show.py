@@ -64,12 +64,6 @@ def row_fields(row: Orientation) -> dict[str, Any]:
     }
 
 
-def outcome_fields(row: int, found: Outcome) -> dict[str, Any]:
-    """Return what a trap does to a row; values that do not exist are null."""
-    values: Any = plain(found)
-    return {'id': row, **values}
-
-
 def shown_rows(found: Passage) -> list[int]:
     """Return the indices of the rows that people see: no others that hardly a part arrives in."""
     return [

@@ -440,7 +440,7 @@ class Projection(Trap):
 class Sensor(Trap):
     """A camera with an air jet that blows off what it does not identify as a wanted orientation.
 
-    Its outcomes follow from the confusion matrix of the identification; see sensor.py.
+    Its outcomes follow from the confusion matrix of the identification; see rate.py.
 
     spacing : float
         Least distance of two parts, m, so that the jet hits only one of them. It limits the rate.

@@ -112,7 +112,6 @@ try {
     buttons: count,
     figures,
     rows: await text('.row h3'),
-    headings: await text('h2'),
     overflow: await page.evaluate(() => document.documentElement.scrollWidth - innerWidth),
     broken: await page.evaluate(() => [...document.images].filter(
       (image) => image.getAttribute('src') && !image.naturalWidth,

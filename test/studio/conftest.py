@@ -1,9 +1,10 @@
 """A studio without a browser: its rooms, its server, and a part that is opened already."""
 
 import asyncio
+import functools
 import json
 import threading
-from contextlib import asynccontextmanager
+from types import SimpleNamespace
 
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
@@ -29,45 +30,23 @@ class Shown:
             self.messages.append((topic, message))
             self._changed.notify_all()
 
-    def of(self, topic):
-        with self._changed:
-            return [message for name, message in self.messages if name == topic]
+    def of(self, topic, after=0):
+        return [message for name, message in self.messages[after:] if name == topic]
 
     def wait(self, topic, good=lambda message: True, after=0):
         def found():
-            return [m for name, m in self.messages[after:] if name == topic and good(m)]
+            return [message for message in self.of(topic, after) if good(message)]
 
         with self._changed:
             assert self._changed.wait_for(found, TIMEOUT), topic
             return found()[0]
 
-    @property
-    def count(self):
-        with self._changed:
-            return len(self.messages)
-
-
-class InThisProcess:
-    """Opens parts without a process, which takes seconds to start."""
-
-    def __init__(self):
-        self.known = {}
-
-    def open(self, source, step, stopped):
-        if source not in self.known:
-            self.known[source] = open_part(source, step)
-        return self.known[source]
-
-    def prepare(self):
-        pass
-
-    def end(self):
-        pass
-
 
 @pytest.fixture(scope='session')
 def opener():
-    return InThisProcess()
+    """Opens parts without a process, which takes seconds to start."""
+    known = functools.cache(open_part)
+    return SimpleNamespace(open=lambda source, *_: known(source), end=lambda: None)
 
 
 @pytest.fixture(scope='session')
@@ -99,35 +78,40 @@ def bracket(room, shown):
     return room
 
 
-@pytest.fixture(scope='session')
-def served(opener):
-    """Run an asynchronous function with a client and a studio."""
+class Site:
+    """What a browser sends to a studio, and to its WebSocket."""
 
-    @asynccontextmanager
-    async def client_of(studio):
-        server = TestServer(make_app(studio), host='127.0.0.1')
-        async with TestClient(server) as client:
-            studio.port = server.port
-            yield client
+    def __init__(self, client, studio):
+        self.client, self.studio = client, studio
+        self.path = f'/{studio.token}'
+        self.origin = {'Origin': f'http://127.0.0.1:{studio.port}'}
 
-    def run(task, **options):
-        async def main():
-            studio = Studio(['l_bracket'], **options)
-            studio._tools = LocalWorkers(2), opener
-            async with client_of(studio) as client:
-                return await asyncio.wait_for(task(client, studio), TIMEOUT)
+    async def get(self, path='', **options):
+        return await self.client.get(f'{self.path}/{path}', **options)
 
-        return asyncio.run(main())
+    async def upload(self, tab, name, data):
+        address = f'{self.path}/part/{tab.room}/first'
+        return await self.client.put(address, params={'name': name}, data=data)
 
-    return run
+    async def connect(self, room=''):
+        socket = await self.client.ws_connect(f'{self.path}/socket', headers=self.origin)
+        await socket.send_str(json.dumps({'room': room}))
+        return socket
+
+    async def join(self, room=''):
+        tab = Tab(await self.connect(room))
+        tab.room = (await tab.wait('room'))['room']
+        return tab
+
+    def files(self):
+        return [path.name for path in self.studio.folder.rglob('*') if path.is_file()]
 
 
-class Browser:
-    """A WebSocket of the page."""
+class Tab:
+    """A WebSocket of the page, in a room."""
 
     def __init__(self, socket):
         self.socket = socket
-        self.room = ''
 
     async def send(self, **message):
         await self.socket.send_str(json.dumps(message))
@@ -138,17 +122,30 @@ class Browser:
             if message['topic'] == topic and good(message):
                 return message
 
+    async def answer(self, number):
+        """Return the values of the controls after a change with a number."""
+        found = await self.wait('values', lambda message: message.get('number') == number)
+        return found['values']
+
+    async def closed(self):
+        while not self.socket.closed:
+            await self.socket.receive(TIMEOUT)
+        return self.socket.close_code
+
 
 @pytest.fixture(scope='session')
-def joined():
-    """Open the socket of a studio, in a room."""
+def served(opener):
+    """Run an asynchronous function with the site of a studio."""
 
-    async def join(client, studio, room=''):
-        origin = f'http://127.0.0.1:{studio.port}'
-        socket = await client.ws_connect(f'/{studio.token}/socket', headers={'Origin': origin})
-        browser = Browser(socket)
-        await browser.send(room=room)
-        browser.room = (await browser.wait('room'))['room']
-        return browser
+    def run(task, **options):
+        async def main():
+            studio = Studio(**options)
+            studio._tools = LocalWorkers(2), opener
+            server = TestServer(make_app(studio), host='127.0.0.1')
+            async with TestClient(server) as client:
+                studio.port = server.port
+                return await asyncio.wait_for(task(Site(client, studio)), TIMEOUT)
 
-    return join
+        return asyncio.run(main())
+
+    return run

@@ -76,22 +76,20 @@ def done(page):
     page.locator('#panel-aspects .row .count', has_text='of 2,000').first.wait_for()
 
 
-def share(page, row):
-    return page.locator('#panel-aspects .row .number b').nth(row).inner_text()
+def shares(page):
+    return page.locator('#panel-aspects .row .number b').all_inner_texts()
 
 
 def test_changes_by_mouse_and_keyboard_outlive_a_reload(browser, address):
     with opened(browser, address) as page:
         choose(page)
-        before = [share(page, k) for k in range(5)]
-        width = page.locator('#panel-aspects .fill').first.evaluate('e => e.style.width')
-        assert float(width[:-1]) == pytest.approx(float(before[0].split()[0]), abs=0.1)
+        before = shares(page)
         slider = page.locator('input[type=range][data-set="condition.restitution"]')
         slider.evaluate(
             "e => { e.value = 0.1; e.dispatchEvent(new Event('input', {bubbles: true})) }"
         )
         page.locator('[data-text=caption]', has_text='restitution 0.1').first.wait_for()
-        assert [share(page, k) for k in range(5)] != before
+        assert shares(page) != before
         page.locator('.pick').nth(1).click()
         page.locator('[data-text=pickable]', has_text='pickable').first.wait_for()
         page.locator('#tab-aspects').focus()
@@ -99,9 +97,6 @@ def test_changes_by_mouse_and_keyboard_outlive_a_reload(browser, address):
         assert page.locator('#tab-outlines').get_attribute('aria-selected') == 'true'
         page.locator('#panel-outlines table').first.wait_for()
         page.keyboard.press('Home')
-        page.locator('input[type=range][data-set="condition.friction"]').focus()
-        page.keyboard.press('ArrowRight')
-        page.locator('[data-text=caption]', has_text='friction').first.wait_for()
         page.reload()
         done(page)
         field = page.locator('input[type=number][data-set="condition.restitution"]')
@@ -117,22 +112,19 @@ def test_changes_by_mouse_and_keyboard_outlive_a_reload(browser, address):
 
 
 def test_dropped_file_its_3d_view_and_its_traps(browser, address, tmp_path):
-    bodies = [trimesh.creation.box((10, 20, 30)), trimesh.creation.box((5, 6, 7))]
-    bodies[1].apply_translation((50, 0, 0))
-    trimesh.util.concatenate(bodies).export(tmp_path / 'My Crates.stl')
-    (tmp_path / 'bad.stl').write_bytes(b'nothing')
+    small = trimesh.creation.box((5, 6, 7)).apply_translation((50, 0, 0))
+    bodies = trimesh.util.concatenate([trimesh.creation.box((10, 20, 30)), small])
+    bodies.export(tmp_path / 'My Crates.stl')
     with opened(browser, address) as page:
         page.locator('#file').set_input_files(tmp_path / 'My Crates.stl')
         page.locator('#problem', has_text='choose one').wait_for()
         page.locator('[data-again=body]').first.select_option('2: 5 x 6 x 7 mm')
         done(page)
-        assert '5 x 6 x 7 mm' in page.locator('#facts').inner_text()
+        assert page.locator('#name').inner_text() == 'my_crates'
         assert not page.locator('#problem').is_visible()
         view = page.locator('#stage canvas')
-        assert view.bounding_box()['width'] > 200
         before = view.screenshot()
         page.locator('#panel-aspects .row').nth(2).click()
-        assert 'aspect' in page.locator('#view-name').inner_text()
         page.wait_for_timeout(700)  # the animation of the view
         assert view.screenshot() != before
         # The view stays in sight.
@@ -141,17 +133,15 @@ def test_dropped_file_its_3d_view_and_its_traps(browser, address, tmp_path):
         page.locator('#tab-track').click()
         page.locator('[data-set="trap.all"]', has_text='Change').click()
         page.get_by_label('Remove trap 1').wait_for()
-        for kind in ('wiper', 'wiper'):  # the list is ready for the same kind again
-            count = page.locator('[data-set="trap.remove"]').count()
-            page.get_by_label('Add a trap').select_option(kind)
-            page.locator('[data-set="trap.remove"]').nth(count).wait_for()
-        page.locator('[data-set="trap.remove"]').last.click()
-        page.locator('[data-set="trap.remove"]').nth(count).wait_for(state='detached')
+        traps = page.locator('[data-set="trap.remove"]')
+        for _ in range(2):  # the list is ready for the same kind again
+            count = traps.count()
+            page.get_by_label('Add a trap').select_option('wiper')
+            traps.nth(count).wait_for()
+        traps.last.click()
+        traps.nth(count).wait_for(state='detached')
         page.locator(f'input[type=number][id="trap.{count}.height"]').fill('4.5')
         page.locator('[data-slot=track]', has_text='height 4.5 mm').wait_for()
-        page.locator('#file').set_input_files(tmp_path / 'bad.stl')
-        page.locator('#problem', has_text='bad.stl').wait_for()
-        assert page.locator('#name').inner_text() == 'my_crates'
 
 
 def test_dark_telephone_needs_no_horizontal_scroll(browser, address):

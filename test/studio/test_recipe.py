@@ -23,18 +23,16 @@ OTHERS = [
 ]
 
 
-def printed(command):
-    output = io.StringIO()
-    with contextlib.redirect_stdout(output):
-        assert main.main([*shlex.split(command)[1:], '--json']) == 0
-    return json.loads(output.getvalue())
-
-
-def run_python(program):
-    output = io.StringIO()
-    with contextlib.redirect_stdout(output):
-        exec(program, {})
-    return json.loads(output.getvalue())
+def documents(recipe):
+    """Return the JSON that the command and the Python of a recipe print."""
+    words = [*shlex.split(recipe.line)[1:], '--json']
+    found = []
+    for task in (lambda: main.main(words), lambda: exec(recipe.python, {})):
+        output = io.StringIO()
+        with contextlib.redirect_stdout(output):
+            task()
+        found.append(json.loads(output.getvalue()))
+    return found
 
 
 @pytest.mark.slow
@@ -46,7 +44,7 @@ def test_drops_of_command_and_python_are_those_of_the_page(bracket):
     work = bracket.work()
     recipe = recipes(work.opened, work.settings)['Aspects']
     counts = work.drops().distribution.counts.tolist()
-    for document in (printed(recipe.line), run_python(recipe.python)):
+    for document in documents(recipe):
         assert [aspect['count'] for aspect in document['aspects']] == counts
 
 
@@ -60,8 +58,7 @@ def test_other_recipes_agree(bracket, verb, changes, tmp_path, monkeypatch):
         bracket.change(name, value)
     work = bracket.work()
     (tmp_path / 'surfaces.yaml').write_bytes(FILES['surfaces.yaml'].make(work))
-    recipe = recipes(work.opened, work.settings)[verb]
-    one, other = printed(recipe.line), run_python(recipe.python)
+    one, other = documents(recipes(work.opened, work.settings)[verb])
     for document in (one, other):
         for name in ('run_id', 'started', 'conditions'):
             document.pop(name, None)
@@ -74,8 +71,7 @@ def test_file_name_is_quoted(bracket):
         recipe = drop_recipe(Source(name, Path('x')), work.settings)
         words = shlex.split(recipe.line)
         assert words[:2] == ['resting_aspects', 'drop']
-        assert words[2] in (name, f'./{name}')
-        assert not words[2].startswith('-')
+        assert words[2] == (name if name[0] != '-' else f'./{name}')
         compile(recipe.python, 'recipe', 'exec')
         assert repr(name) in recipe.python
 

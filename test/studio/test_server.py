@@ -2,24 +2,23 @@
 
 import argparse
 import asyncio
-import contextlib
 import os
 import signal
 import threading
 import urllib.request
 import webbrowser
+from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 
+import pytest
 from aiohttp import ClientSession
 
 from resting_aspects_ros.cli.verbs.studio import run
 from resting_aspects_ros.simulation.workers import LocalWorkers
-from resting_aspects_ros.studio import server
 from resting_aspects_ros.studio.server import ROOM_LIFE, Studio, serve
 
 
-def test_page_is_served_while_a_browser_in_the_terminal_runs(monkeypatch):
+def test_page_is_served_to_this_computer_while_a_browser_in_the_terminal_runs(monkeypatch):
     pages = []
 
     def browse(address):
@@ -27,6 +26,9 @@ def test_page_is_served_while_a_browser_in_the_terminal_runs(monkeypatch):
         try:
             with direct.open(address, timeout=10) as page:
                 pages.append(page.status)
+            # Another address of this computer, at which only a server for all would listen.
+            with pytest.raises(OSError, match='refused'):
+                direct.open(address.replace('127.0.0.1', '127.0.0.2'), timeout=10)
         finally:
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -36,42 +38,38 @@ def test_page_is_served_while_a_browser_in_the_terminal_runs(monkeypatch):
     assert pages == [200]
 
 
-def test_upload_that_fails_is_removed_and_is_one_sentence(served, joined, monkeypatch):
+def test_upload_that_fails_is_removed_and_is_one_sentence(served, monkeypatch):
     def full(*_):
         raise OSError(28, 'No space left on device')
 
-    async def task(client, studio):
-        browser = await joined(client, studio)
-        file = contextlib.nullcontext(SimpleNamespace(write=full))
-        monkeypatch.setattr(Path, 'open', lambda *_: file)
-        address = f'/{studio.token}/part/{browser.room}/first?name=part.stl'
-        answer = await client.put(address, data=b'x')
-        left = list(studio.seats[browser.room].room.folder.iterdir())
+    async def task(site):
+        tab = await site.join()
+        monkeypatch.setattr(Path, 'open', full)
+        answer = await site.upload(tab, 'part.stl', b'x')
+        left = list(site.studio.seats[tab.room].room.folder.iterdir())
         return answer.status, await answer.text(), left
 
     text = 'part.stl was not stored: No space left on device'
     assert served(task) == (507, text, [])
 
 
-def test_reload_restores_the_room_and_its_settings(served, joined):
-    async def task(client, studio):
-        first = await joined(client, studio)
-        address = f'/{studio.token}/file/{first.room}/distribution.json'
-        missing = await client.get(address)
+def test_reload_restores_the_room_and_its_settings(served):
+    async def task(site):
+        first = await site.join()
+        path = f'file/{first.room}/distribution.json'
+        missing = await site.get(path)
         assert missing.status == 409
         assert 'missing part' in await missing.text()
         await first.send(set='drops', to=400)
         await first.send(example='l_bracket')
         await first.wait('bars', lambda message: message.get('caption'))
         await first.send(set='condition.friction', to='0.4', number=1)
-        await first.wait('values', lambda message: message.get('number') == 1)
-        # A file is an attachment.
-        file = await client.get(address)
-        assert file.status == 200
+        await first.answer(1)
+        file = await site.get(path)
         assert file.headers['Content-Disposition'].startswith('attachment')
         assert 'sandbox' in file.headers['Content-Security-Policy']
         await first.socket.close()
-        again = await joined(client, studio, first.room)
+        again = await site.join(first.room)
         assert first.room == again.room
         found = {}
         while not {'part', 'scene', 'values', 'bars', 'aspects'} <= set(found):
@@ -84,91 +82,60 @@ def test_reload_restores_the_room_and_its_settings(served, joined):
     assert found['part']['name'] == 'l_bracket'
 
 
-def test_window_that_copies_a_key_gets_its_own_room(served, joined):
-    now = [0.0]
-
-    def clock():
-        now[0] += 0.3
-        return now[0]
-
-    async def task(client, studio):
-        first = await joined(client, studio)
-        second = await joined(client, studio, first.room)
+def test_window_that_copies_a_key_gets_its_own_room(served):
+    async def task(site):
+        first = await site.join()
+        second = await site.join(first.room)
         assert first.room != second.room
-        frictions = []
         for tab, friction in ((first, '0.4'), (second, '0.6')):
             await tab.send(set='condition.friction', to=friction, number=1)
-        for tab in (first, second):
-            found = await tab.wait('values', lambda message: message.get('number') == 1)
-            frictions.append(found['values']['condition.friction'])
-        return frictions
+        return [(await tab.answer(1))['condition.friction'] for tab in (first, second)]
 
-    assert served(task, clock=clock) == ['0.4', '0.6']
+    assert served(task, clock=count(step=0.3).__next__) == ['0.4', '0.6']
 
 
-def test_room_ends_some_time_after_its_tab(served, joined):
+def test_room_ends_some_time_after_its_tab(served):
     now = [0.0]
 
-    async def task(client, studio):
-        browser = await joined(client, studio)
-        seat = studio.seats[browser.room]
-        await browser.socket.close()
+    async def task(site):
+        tab = await site.join()
+        seats = site.studio.seats
+        seat = seats[tab.room]
+        await tab.socket.close()
         while seat.socket is not None:
             await asyncio.sleep(0)
         now[0] = ROOM_LIFE - 1
-        await studio.end_left_rooms()
-        assert browser.room in studio.seats
+        await site.studio.end_left_rooms()
+        assert tab.room in seats
         now[0] = ROOM_LIFE + 1
-        await studio.end_left_rooms()
-        return browser.room in studio.seats, seat.room.folder.exists()
+        await site.studio.end_left_rooms()
+        return tab.room in seats, seat.room.folder.exists()
 
     assert served(task, clock=lambda: now[0]) == (False, False)
 
 
-def test_end_leaves_no_thread_and_no_file(served, joined):
-    before = set(threading.enumerate())
-    folders = []
+def test_end_tells_the_tab_and_leaves_no_thread_and_no_file(served):
+    before, studios = set(threading.enumerate()), []
 
-    async def task(client, studio):
-        folders.append(studio.folder)
-        assert studio.folder.stat().st_mode & 0o077 == 0
-        await joined(client, studio)
-        await joined(client, studio)
+    async def task(site):
+        studios.append(site.studio)
+        assert site.studio.folder.stat().st_mode & 0o077 == 0
+        tab = await site.join()
+        await tab.send(set='drops', to=2_000_000)
+        await tab.send(example='tetrahedron')
+        await tab.wait('progress', lambda message: message['text'])
+        await site.studio.close_sockets()
+        assert await tab.closed() == 1001
 
     served(task)
     left = [thread.name for thread in threading.enumerate() if thread not in before]
     assert not [name for name in left if name.startswith(('room', 'opening', 'drops'))]
-    assert not folders[0].exists()
-
-
-def test_tab_is_told_that_the_server_ends(served, joined):
-    async def task(client, studio):
-        browser = await joined(client, studio)
-        await studio.close_sockets()
-        message = None
-        while message is None or not browser.socket.closed:
-            message = await browser.socket.receive()
-        return browser.socket.close_code
-
-    assert served(task) == 1001
-
-
-def test_at_most_some_rooms(served, joined, monkeypatch):
-    monkeypatch.setattr(server, 'MAX_ROOMS', 1)
-
-    async def task(client, studio):
-        await joined(client, studio)
-        origin = f'http://127.0.0.1:{studio.port}'
-        socket = await client.ws_connect(f'/{studio.token}/socket', headers={'Origin': origin})
-        await socket.send_str('{"room": ""}')
-        return await socket.receive_json()
-
-    assert 'close one' in served(task)['text']
+    assert not studios[0].folder.exists()
 
 
 def test_room_of_a_tab_that_is_closed_while_it_is_made_has_no_socket(opener, monkeypatch):
     async def main():
-        studio, over = Studio(['l_bracket']), asyncio.Event()
+        studio, over = Studio(), asyncio.Event()
         studio._tools = LocalWorkers(2), opener
         make, started, closed = studio._new_seat, asyncio.Event(), asyncio.Event()
         address = asyncio.get_running_loop().create_future()

@@ -14,41 +14,19 @@ from resting_aspects_ros.simulation.surroundings_kinds import tray_from_scene
 from resting_aspects_ros.tracks.orientations import PushedOutline, orientations_on
 
 
-def rectangle(a, b):
-    return np.array([(-a / 2, -b / 2), (a / 2, -b / 2), (a / 2, b / 2), (-a / 2, b / 2)])
-
-
-@pytest.mark.parametrize(('a', 'b'), [(20, 10), (30, 20), (40, 10)])
-def test_shares_of_a_rectangle(a, b):
-    yaws = PushedOutline(rectangle(a, b)).yaws()
-    assert sum(yaw.share for yaw in yaws) == pytest.approx(1)
-    share = sum(yaw.share for yaw in yaws if yaw.length == pytest.approx(a))
-    assert share == pytest.approx(2 / math.pi * math.atan(a / b))
-
-
 def pushed(corners, direction, tilt):
-    """The edge at the wall after pushing in small steps, by the sign of the moment."""
-    step = 1e-3
-    for _ in range(20_000):
-        along = corners @ [math.cos(direction), math.sin(direction)]
-        first, second = np.argsort(-along)[:2]
-        size = np.linalg.norm(corners[first] - corners[second])
-        if along[first] - along[second] < 1.5 * step * size:
-            # Both ends of an edge touch: it is stable if its ends turn towards each other.
-            moments = [_moment(corners[k], direction, tilt) for k in (first, second)]
-            edge = corners[first] - corners[second]
-            if moments[0] * moments[1] < 0:
-                return math.atan2(-edge[0], edge[1]) % math.pi
-        direction += step * np.sign(_moment(corners[first], direction, tilt))
-    return math.nan
+    """The direction of the wall after pushing in small steps, by the sign of the moment.
+
+    At a stable edge, its two ends turn the wall to and fro.
+    """
+    for _ in range(4000):
+        corner = corners[np.argmax(corners @ [math.cos(direction), math.sin(direction)])]
+        moment = math.sin(direction + tilt - math.atan2(corner[1], corner[0]))
+        direction += math.copysign(2e-3, moment)
+    return direction
 
 
-def _moment(corner, direction, tilt):
-    """Positive if the wall turns towards larger directions, in axes of the part."""
-    return math.sin(direction + tilt - math.atan2(corner[1], corner[0]))
-
-
-@pytest.mark.parametrize(('seed', 'tilt'), [(0, 0.0), (1, 0.15), (2, -0.15), (3, 0.15)])
+@pytest.mark.parametrize(('seed', 'tilt'), [(0, 0.0), (1, 0.15), (2, -0.15)])
 def test_basins_are_those_of_pushing(seed, tilt):
     random = np.random.default_rng(seed)
     points = random.standard_normal((7, 2)) * [2, 1]
@@ -61,19 +39,11 @@ def test_basins_are_those_of_pushing(seed, tilt):
             continue
         k = edges[np.searchsorted(starts, direction % (2 * np.pi), side='right') - 1]
         found = pushed(outline.corners, direction, tilt)
-        assert abs(np.angle(np.exp(2j * (outline.normal[k] - found)))) < 0.02
-
-
-def test_friction_of_the_wall_widens_the_bounds():
-    yaws = PushedOutline(rectangle(30, 20)).yaws(0.2)
-    turn = math.atan(0.2) / (2 * math.pi)
-    for yaw in yaws:
-        assert yaw.low == pytest.approx(yaw.share - 2 * turn, abs=1e-3)
-        assert yaw.high == pytest.approx(yaw.share + 2 * turn, abs=1e-3)
+        assert abs(np.angle(np.exp(1j * (outline.normal[k] - found)))) < 0.01
 
 
 @pytest.mark.slow
-def test_pushes_in_the_engine_are_within_the_bounds(box):
+def test_pushes_in_the_engine_are_within_the_bounds(box, rows_of):
     # A box of 30 x 20 mm slides along a wall, from uniform yaws.
     part, flat = box
     number, friction, (roll, pitch) = 60, 0.2, np.radians([10.0, 10.0])
@@ -98,19 +68,27 @@ def test_pushes_in_the_engine_are_within_the_bounds(box):
     )
     ends = product(turn * [-1, -1, -1, 1], found.poses.orientation)
     along = rotate(ends, np.tile(part.principal_axes[:, 0], (number, 1)))
-    long_side = next(
-        yaw for yaw in PushedOutline(around[:, :2]).yaws(friction, 2) if yaw.length > 0.029
+    share = (np.abs(along[:, 0]) > 0.99).mean()
+    (row,) = (
+        r
+        for r in rows_of(part, math.inf, friction)
+        if r.aspects == flat.aspects and r.length > 0.029
     )
-    share = float((np.abs(along[:, 0]) > 0.99).mean())
-    assert long_side.low - 0.02 < share < long_side.high + 0.02
+    assert row.yaw.low - 0.02 < share < row.yaw.high + 0.02
 
 
-def test_a_box_has_a_row_for_each_side_and_edge(part, rows_of):
-    found = rows_of(part('box_10x20x30'))
+def test_shares_of_the_sides_of_a_box(part, rows_of):
+    sizes, friction = {10, 20, 30}, 0.2
+    found = rows_of(part('box_10x20x30'), math.inf, friction)
     assert len(found) == 6
-    by_size = {(round(1e3 * r.height), round(1e3 * r.length)): r.probability for r in found}
-    assert by_size[10, 30] == pytest.approx(2 / 6 * 2 / math.pi * math.atan(30 / 20))
-    assert by_size[10, 20] == pytest.approx(2 / 6 * 2 / math.pi * math.atan(20 / 30))
+    # Friction moves both ends of the basins of two equal sides.
+    shift = 2 / 6 * 4 * math.atan(friction) / (2 * math.pi)
+    for row in found:
+        height, along = round(1e3 * row.height), round(1e3 * row.length)
+        (across,) = sizes - {height, along}
+        share = 2 / 6 * 2 / math.pi * math.atan(along / across)
+        assert row.probability == pytest.approx(share)
+        assert (row.low, row.high) == pytest.approx((share - shift, share + shift), abs=1e-3)
 
 
 def test_rows_do_not_depend_on_the_frame_of_the_mesh(part, solid, rows_of):
@@ -118,8 +96,9 @@ def test_rows_do_not_depend_on_the_frame_of_the_mesh(part, solid, rows_of):
     mesh = trimesh.Trimesh(1000 * bracket.vertices, bracket.faces)
     mesh.apply_transform(trimesh.transformations.random_rotation_matrix(np.array([0.1, 0.5, 0.7])))
     one, other = rows_of(bracket), rows_of(solid(mesh))
-    assert [r.probability for r in other] == pytest.approx([r.probability for r in one], abs=1e-5)
-    assert [r.height for r in other] == pytest.approx([r.height for r in one], abs=1e-5)
+    for name in ('probability', 'height'):
+        values = [getattr(row, name) for row in one]
+        assert [getattr(row, name) for row in other] == pytest.approx(values, abs=1e-5)
 
 
 def test_a_standing_cylinder_is_one_row(part, rows_of):
@@ -134,16 +113,10 @@ def test_a_low_wall_touches_only_what_is_below_its_top(solid, rows_of):
     foot = trimesh.creation.box((20, 10, 20))
     bar = trimesh.creation.box((20, 30, 10)).apply_translation((0, 0, 15))
     part = solid(trimesh.boolean.union([foot, bar]))
-    high, low = (
-        [
-            row
-            for row in rows_of(part, wall)
-            if row.contact.area == pytest.approx(0.02 * 0.01, rel=1e-3) and row.height > 0.029
-        ]
-        for wall in (math.inf, 0.005)
-    )
-    assert {round(2e3 * row.yaw.distance) for row in low} == {10, 20}
-    assert {round(2e3 * row.yaw.distance) for row in high} == {20, 30}
+    for wall, distances in ((math.inf, {20, 30}), (0.005, {10, 20})):
+        rows = [row for row in rows_of(part, wall) if row.height > 0.029]
+        upright = [r for r in rows if r.contact.area == pytest.approx(0.02 * 0.01, rel=1e-3)]
+        assert {round(2e3 * row.yaw.distance) for row in upright} == distances
 
 
 def test_model_range_contains_all_shares_of_aspects_and_frictions(solid):

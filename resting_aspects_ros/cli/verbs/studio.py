@@ -43,16 +43,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; returns the exit code. Raises RestingAspectsError."""
     # Only what the first page needs: the modules that compute are imported while it is shown.
+    from resting_aspects_ros.studio.page import examples
     from resting_aspects_ros.studio.server import Studio, serve
-    from resting_aspects_ros.system import Interruption, parts_folder
+    from resting_aspects_ros.system import Interruption
 
     if not 0 <= arguments.port < 65536:
         raise InvalidValueError(f'invalid --port {arguments.port}: expected 0 to 65535')
-    examples = sorted(path.stem for path in parts_folder().glob('*.stl'))
     part = arguments.part
-    if part and part not in examples and not Path(part).is_file():
+    if part and part not in examples() and not Path(part).is_file():
         raise InvalidValueError(
-            f'invalid part {part!r}: expected a file or one of {", ".join(examples)}'
+            f'invalid part {part!r}: expected a file or one of {", ".join(examples())}'
         )
 
     def ready(address: str) -> None:
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
     with Interruption() as stop:
-        studio = Studio(examples, part)
+        studio = Studio(part)
         try:
             asyncio.run(serve(studio, arguments.port, ready, lambda: stop.asked))
         except OSError as error:

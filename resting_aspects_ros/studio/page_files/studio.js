@@ -49,7 +49,7 @@ function receive(message) {
   const { topic } = message;
   if (topic in handlers) handlers[topic](message);
   else if ('html' in message) showSlot(find(`[data-slot="${topic}"]`), message.html);
-  else for (const element of all(`[data-text="${topic}"]`)) element.textContent = message.text;
+  else showText(topic, message.text);
 }
 
 const handlers = {
@@ -86,8 +86,8 @@ const handlers = {
   },
   bars({ rows, caption, pickable }) {
     rows.forEach(showRow);
-    if (caption) handlersText('caption', caption);
-    handlersText('pickable', pickable ?? '');
+    if (caption) showText('caption', caption);
+    showText('pickable', pickable ?? '');
     showShare();
   },
   values(message) {
@@ -100,7 +100,7 @@ const handlers = {
   },
 };
 
-function handlersText(topic, text) {
+function showText(topic, text) {
   for (const element of all(`[data-text="${topic}"]`)) element.textContent = text;
 }
 
