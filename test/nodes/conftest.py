@@ -4,9 +4,7 @@
 """
 
 import functools
-import time
 from contextlib import closing
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ from resting_aspects_ros.api import model_range
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.client import RestingAspectsClient, connection
+from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.logs.bag import OUTCOME
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
@@ -157,33 +155,13 @@ def spinning(graphs, suite):
 
 
 @pytest.fixture
-def in_namespace():
-    """Return the arguments of a Python client of the suite in a namespace."""
-    return lambda namespace: {'ros_args': ['-r', f'__ns:={namespace}']}
-
-
-@pytest.fixture
-def client(suite, in_namespace, spinning):
+def client(suite, spinning):
     """A Python client of the suite, with a private node."""
-    with RestingAspectsClient(**in_namespace(suite.namespace)) as client:
+    with RestingAspectsClient(ros_args=['-r', f'__ns:={suite.namespace}']) as client:
         yield client
 
 
 # -- what tests see and send ----------------------------------------------------------------------
-
-
-@pytest.fixture
-def ahead(monkeypatch):
-    """Advance the clock of the requests of a client, in seconds."""
-    offset = 0.0
-
-    def ahead(seconds):
-        nonlocal offset
-        offset += seconds
-
-    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + offset, sleep=time.sleep)
-    monkeypatch.setattr(connection, 'time', clock)
-    return ahead
 
 
 @pytest.fixture(scope='session')

@@ -1,13 +1,10 @@
 """camera_simulator, vision_example and feeder_controller together over ROS."""
 
-import importlib
+import itertools
 import os
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from rclpy.qos import ReliabilityPolicy
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
 from ros_graph import Diagnostics
@@ -22,7 +19,7 @@ from resting_aspects_ros.nodes.camera_simulator.node import (
     camera_transform,
 )
 from resting_aspects_ros.nodes.vision_example.node import camera_from, grey_image
-from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, FRAME
+from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL
 from resting_aspects_ros.vision.tray_image import TrayCamera
 
 PART = 'l_bracket'
@@ -75,7 +72,7 @@ def test_parts_are_picked_in_simulated_time(cell):
     assert all(each.result in (PickResult.PICKED, PickResult.MOVED) for each in results)
     stamps = [seconds(each.header.stamp) for each in results]
     # A pick takes 1.2 s, and a flip or a supply at least 0.6 s.
-    for before, after, each in zip(stamps, stamps[1:], results[1:], strict=False):
+    for (before, after), each in zip(itertools.pairwise(stamps), results[1:], strict=True):
         least = 1.2 if each.result == PickResult.PICKED else 0.6
         assert after - before > least - 1e-6
     clock = [seconds(each.clock) for each in cell.clock]
@@ -153,55 +150,3 @@ def test_images_are_read_with_padding_of_their_rows(encoding):
     rows = np.pad(pixels.reshape(2, -1), ((0, 0), (0, 5)), constant_values=77)
     message = Image(height=2, width=3, step=rows.shape[1], encoding=encoding, data=rows.tobytes())
     assert grey_image(message).tolist() == [[0, 0, 0], [0, 0, 200]]
-
-
-VIEWS = Path(__file__).resolve().parents[2]
-# Types that the panels of Foxglove and the display of RViz show.
-PANEL_TYPES = {
-    'imageTopic': 'sensor_msgs/msg/Image',
-    'calibrationTopic': 'sensor_msgs/msg/CameraInfo',
-    'topicToRender': 'diagnostic_msgs/msg/DiagnosticArray',
-}
-
-
-def field_type(kind, field):
-    """Return the type of a field of a message type such as std_msgs/msg/Header."""
-    package, _, name = kind.split('/')
-    message = getattr(importlib.import_module(f'{package}.msg'), name)
-    return message.get_fields_and_field_types()[field]
-
-
-def published_type(watch, topic):
-    """Return the only type of a topic, when it has a publisher."""
-    publishers = watch.client.node.get_publishers_info_by_topic
-    found = watch.client.wait(lambda: publishers(topic), topic)
-    (kind,) = {each.topic_type for each in found}
-    return kind
-
-
-def test_foxglove_layout_shows_what_the_nodes_publish(cell):
-    text = (VIEWS / 'config' / 'foxglove' / 'feeder.json').read_text(encoding='utf-8')
-    found = re.findall(r'"(\w+)": "(/[^"]+)"', text)
-    assert {key for key, _ in found} == {*PANEL_TYPES, 'topicPath', 'value'}
-    for key, path in found:
-        topic, *fields = re.split(r'[.\[]', path)
-        # The topics of the layout are those of nodes without a namespace.
-        kind = published_type(cell, topic if topic == '/diagnostics' else cell.namespace + topic)
-        assert kind == PANEL_TYPES.get(key, kind)
-        for field in [each for each in fields if not each.endswith(']')]:
-            kind = field_type(kind, field)
-            assert (f'{field}[' in path) == kind.startswith('sequence<')
-            kind = kind.removeprefix('sequence<').removesuffix('>')
-
-
-def test_rviz_shows_the_annotated_image(cell):
-    text = (VIEWS / 'rviz' / 'feeder.rviz').read_text(encoding='utf-8')
-    manager = yaml.safe_load(text)['Visualization Manager']
-    assert manager['Global Options']['Fixed Frame'] == FRAME
-    (display,) = [each for each in manager['Displays'] if 'Topic' in each]
-    asked = display['Topic']
-    topic = f'{cell.namespace}/{asked["Value"]}'
-    assert published_type(cell, topic) == 'sensor_msgs/msg/Image'
-    (publisher,) = cell.client.node.get_publishers_info_by_topic(topic)
-    assert asked['Reliability Policy'].upper() == publisher.qos_profile.reliability.name
-    assert asked['Durability Policy'].upper() == publisher.qos_profile.durability.name

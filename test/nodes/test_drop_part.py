@@ -49,9 +49,8 @@ def test_goal_publishes_the_drops_of_the_engine(drop, batches, engine, part, sur
     result = drop.result
     assert (drop.outcome, result.status) == ('succeeded', Status(code=Status.OK))
     codes = [code for batch in batches for code in batch.status]
-    assert result.settled == codes.count(RestingPosesMsg.SETTLED) > 0
-    assert result.unsettled == codes.count(RestingPosesMsg.UNSETTLED)
-    assert result.failed == codes.count(RestingPosesMsg.FAILED)
+    for state in ('SETTLED', 'UNSETTLED', 'FAILED'):
+        assert getattr(result, state.lower()) == codes.count(getattr(RestingPosesMsg, state))
     assert result.settled + result.unsettled + result.failed == result.drops == DROPS
     assert [batch.last for batch in batches] == [False] * (len(batches) - 1) + [True]
     # On a busy machine, a message can be published before it has all drops of the run.
@@ -66,13 +65,6 @@ def test_goal_publishes_the_drops_of_the_engine(drop, batches, engine, part, sur
         assert run_from(batch.run) == expected
         assert batch.header.frame_id == FRAME == 'tray'
         assert nanoseconds(batch.header.stamp) >= started > 0
-
-
-def test_drops_from_the_middle_equal_a_slice_of_the_run(suite, batches_of, engine):
-    drop = suite.client.drop('tetrahedron', 40, first_drop=230, seed=11)
-    batches = batches_of(drop.result.run_id)
-    assert batches[0].run.first_drop == 230
-    assert_same_poses(batches, engine(DROPS, 11).between(230, 270))
 
 
 def test_drops_before_a_cancel_are_published(suite, batches_of, engine):
