@@ -19,7 +19,7 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -463,9 +463,6 @@ class Parameters:
         if name not in self._services:
             self._services[name] = self._client.node.create_client(kind, f'{self._node}/{name}')
         return self._client.call(self._services[name], kind.Request(**fields))
-
-    def names(self):
-        return set(self._call(ListParameters, 'list_parameters').result.names)
 
     def describe(self, name):
         (found,) = self._call(DescribeParameters, 'describe_parameters', names=[name]).descriptors

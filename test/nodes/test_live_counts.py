@@ -134,9 +134,7 @@ def test_posterior_and_drift_are_those_of_the_command(machine, simulated, status
     assert (found.deviation_lower, found.deviation_upper) == (deviation.lower, deviation.upper)
     assert found.first_part == test.ends[test.drifted.start] + 1
     # In words, with the time of the first part, also as a warning.
-    words, _ = expected.verdict.split(' since')
-    since = f'{words} since part {found.first_part} (1970-01-01 00:02:29 UTC).'
-    assert found.message.startswith(since)
+    assert f'since part {found.first_part} (1970-01-01 00:02:29 UTC).' in found.message
     status(lambda level, text, _: level == b'\1' and text == f'{PART}: {found.message}')
 
 
@@ -195,12 +193,9 @@ def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     expected = forecast_of(simulated, *[each.id for each in alike])
     found = ask(tray=TRAY)
     assert found.status.code == Status.OK, found.status.message
-    assert found.sentence == expected.sentence
-    assert found.parts_per_minute == expected.parts_per_minute
-    assert (found.lower, found.upper) == (expected.lower, expected.upper)
+    for name in ('sentence', 'parts_per_minute', 'lower', 'upper', 'best_number', 'limited_by'):
+        assert getattr(found, name) == getattr(expected, name)
     assert (found.prediction_lower, found.prediction_upper) == expected.named.forecast.prediction
-    assert (found.best_number, found.limited_by) == (expected.best_number, expected.limited_by)
-    assert found.flips_per_part == expected.named.forecast.flips_per_part
     shorter = dict(zip(found.times, found.shorter, strict=True))
     assert shorter == {k: v[0] for k, v in expected.named.forecast.sensitivity.items()}
     assert (found.run_id, found.drops, found.counted_parts) == ('a', 10_000, 0)

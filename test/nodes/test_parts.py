@@ -7,7 +7,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
 from ros_graph import Diagnostics
 
-from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.system import parts_folder
 
@@ -46,7 +45,6 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     listed('box_10x20x30', 'hex_nut', 'tetrahedron')
     suite.client.wait(lambda: received, 'description of the new part')
     before = received[-1].part_sha256
-    assert before == PartLibrary(folder).load('hex_nut').part_sha256
     suite.client.ask('hex_nut', 3, seed=[1])
 
     (folder / 'hex_nut.yaml').write_text('density: 2700\n', encoding='utf-8')
@@ -80,20 +78,18 @@ def test_part_that_is_gone_before_a_scan_is_not_offered(start, connect, namespac
     )
 
 
-def test_meshes_that_are_not_offered_are_reported_once(suite, listed, folder):
+def test_mesh_that_is_not_offered_is_reported_once(suite, listed, folder):
     simulator, diagnostics = suite.nodes['drop_simulator'], Diagnostics(suite.client)
     (folder / 'broken.stl').write_bytes(b'no mesh')
-    shutil.copy(parts_folder() / 'washer.stl', folder / 'My Washer.stl')
-    expected = '2 meshes are not offered'
-    level, _, values = diagnostics.wait('drop_simulator', lambda _, m, __: m == expected, expected)
-    assert level == DiagnosticStatus.WARN
+    _, _, values = diagnostics.wait(
+        'drop_simulator', lambda level, *_: level == DiagnosticStatus.WARN, 'warning'
+    )
     assert 'broken.stl' in values['not offered: broken']
-    assert 'expected a name of lower case' in values['not offered: My Washer.stl']
     assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
     # Several scans have been made when the added part is offered.
     shutil.copy(parts_folder() / 'washer.stl', folder)
     listed('box_10x20x30', 'tetrahedron', 'washer')
     assert simulator.output.count('broken.stl') == 1
-    for name in ('washer.stl', 'broken.stl', 'My Washer.stl'):
+    for name in ('washer.stl', 'broken.stl'):
         (folder / name).unlink()
     diagnostics.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')

@@ -65,10 +65,7 @@ SEVERAL = {
 }
 
 
-@pytest.mark.parametrize(
-    ('namespace', 'kinds'),
-    [('', ONE), ('/plant/cell_1', ONE), ('/parts', ONE), ('/plant', SEVERAL)],
-)
+@pytest.mark.parametrize(('namespace', 'kinds'), [('', ONE), ('/parts', ONE), ('/plant', SEVERAL)])
 def test_names_are_relative_to_the_namespace_of_all_suites(recording, namespace, kinds):
     log = recording({f'{namespace}/{name}': kind for name, kind in kinds.items()})
     assert names(log) == ({f'{namespace}/{name}': name for name in kinds}, [])
@@ -80,7 +77,6 @@ def test_names_are_relative_to_the_namespace_of_all_suites(recording, namespace,
         ('/note', 'text', 'not in /cell, the namespace of the suite in the log'),
         ('/cell/drop_part/_action/status', 'text', 'hidden, as the topics of an action are'),
         ('/cell/a b', 'text', 'not a valid ROS topic name'),
-        (f'/cell/{"x" * 250}', 'text', 'not a valid ROS topic name'),
         ('/cell/x', 'a/srv/X_Event', 'not ROS 2 messages (type a/srv/X_Event, encoding cdr)'),
     ],
 )
@@ -101,10 +97,9 @@ def offered(recording):
     return qos.depth, qos.reliability, qos.durability, qos.history
 
 
-@pytest.mark.parametrize('kind', ['poses', 'part', 'text'])
-def test_recorded_qos_is_offered(recording, kind):
+def test_recorded_qos_is_offered(recording):
     profiles = yaml_text(qos_profiles(Qos(7, 'best_effort', 'volatile', 'keep_all')))
-    assert offered(recording({'/x': kind}, offered_qos_profiles=profiles)) == (
+    assert offered(recording({'/x': 'poses'}, offered_qos_profiles=profiles)) == (
         7,
         ReliabilityPolicy.BEST_EFFORT,
         DurabilityPolicy.VOLATILE,
@@ -168,9 +163,7 @@ def log(batches, write_log, tmp_path_factory):
     return write_log(tmp_path_factory.mktemp('log'), batches(COUNT), gap=GAP / SECOND)
 
 
-@pytest.mark.parametrize(
-    ('rate', 'late'), [(0.001, 0), (1.0, 0), (1000.0, 0), (2.0, 1), (2.0, GAP // 4 - 1)]
-)
+@pytest.mark.parametrize(('rate', 'late'), [(0.001, 0), (1000.0, 0), (2.0, GAP // 4 - 1)])
 def test_messages_have_their_time_and_delays_do_not_add_up(log, rate, late):
     player = Player(log, rate)
     player.run(late=late)

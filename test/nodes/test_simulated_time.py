@@ -5,9 +5,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from resting_aspects_interfaces.msg import AspectDistribution, Status
-from ros_graph import Parameters
 
-from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.ros.interface import DIAGNOSTICS, LATCHED
 
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
@@ -22,7 +20,6 @@ def test_nodes_work_without_a_clock_publisher(start, connect, namespace, few_par
         if node == 'drop_simulator':
             given = {'parts_folder': few_parts('tetrahedron')}
         start(node, namespace, {'use_sim_time': 'true', **given})
-    assert Parameters(client, 'drop_recorder').get('use_sim_time')
     received = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
     diagnoses = client.listen(DiagnosticArray, DIAGNOSTICS, 10)
     answer = client.ask('tetrahedron', 20)
@@ -31,8 +28,6 @@ def test_nodes_work_without_a_clock_publisher(start, connect, namespace, few_par
     assert abs(run.started.sec - time.time()) < YEAR
     client.wait(lambda: received and received[-1].complete, 'distribution on its topic')
     client.wait(lambda: list(tmp_path.glob(f'*_{run.run_id}/metadata.yaml')), 'log')
-    log = Recording(next(tmp_path.glob('*')))
-    assert abs(log.start / 1e9 - time.time()) < YEAR
     # Stamps of messages are ROS time, as everywhere.
     assert answer.distribution.header.stamp.sec == 0
 

@@ -59,7 +59,11 @@ def test_displays_of_rviz_show_what_the_nodes_publish(view):
 
 def test_foxglove_layout_shows_what_the_nodes_publish():
     # Types that these panels show.
-    panels = {'imageTopic': Image, 'calibrationTopic': CameraInfo, 'topicToRender': DiagnosticArray}
+    panels = {
+        'imageTopic': Image,
+        'calibrationTopic': CameraInfo,
+        'topicToRender': DiagnosticArray,
+    }
     found = re.findall(r'"(\w+)": "/([^"]+)"', read('config/foxglove/feeder.json'))
     assert {key for key, _ in found} == {*panels, 'topicPath', 'value'}
     for key, path in found:

@@ -16,7 +16,6 @@ from resting_aspects_ros.aspects.support import CORNER, EDGE, NONE, SIDE
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros import conversions
 from resting_aspects_ros.ros.conversions import (
-    check_surroundings,
     description_msg,
     serialized_surroundings,
     surroundings_msg,
@@ -56,14 +55,7 @@ def ramp(tmp_path):
 def test_planes_are_sent_in_the_tray_frame(surfaces):
     found = ra.surroundings('l_chute', roll='30deg', belt={'speed': 0.2})
     message = over_the_wire(described(found, surfaces, 'cell'))
-    assert (message.part, message.run_id) == ('l_bracket', 'id1')
     assert message.header.frame_id == 'cell'
-    sent = message.surroundings
-    assert (sent.kind, sent.name) == ('chute', 'l_chute')
-    values = dict(zip(sent.names, sent.values, strict=True))
-    assert values['roll'] == pytest.approx(np.radians(30))
-    assert values['belt.speed'] == 0.2
-    assert 'roll 30 deg' in message.text
     belt, wall = message.bodies
     assert (belt.name, wall.name) == ('belt', 'wall')
     assert (belt.friction, wall.friction) == (0.4, 0.2)
@@ -95,7 +87,6 @@ def test_a_block_is_sent_as_a_closed_mesh_that_points_outward(surfaces):
 
 def test_a_mesh_travels_in_the_message(ramp, surfaces):
     message = over_the_wire(described(ramp, surfaces))
-    assert message.surroundings.mesh == 'ramp.obj'
     points = np.array([[p.x, p.y, p.z] for p in message.bodies[0].mesh[0].vertices])
     np.testing.assert_allclose(points[:, 2], points[:, 0] / 2 + 0.01, atol=1e-12)
     sent = run_in(ramp, surfaces).conditions
@@ -110,28 +101,15 @@ def test_a_mesh_travels_in_the_message(ramp, surfaces):
         serialized_surroundings(serialize_message(message))
 
 
-def test_surroundings_of_another_part_are_rejected(surfaces):
-    message = described(ra.surroundings('slope'), surfaces)
-    check_surroundings(message, 'l_bracket')
-    with pytest.raises(InvalidValueError, match="invalid surroundings of part 'hex_nut'"):
-        check_surroundings(message, 'hex_nut')
-
-
 @pytest.mark.parametrize(
     ('fields', 'expected'),
     [
         ({'kind': 'chute', 'names': ['roll'], 'values': [9.0]}, 'invalid roll'),
-        ({'kind': 'chute', 'names': ['rol'], 'values': [0.1]}, "'rol'"),
         ({'kind': 'chute', 'names': ['belt.sped'], 'values': [0.1]}, "'sped'"),
-        ({'kind': 'chute', 'names': ['release'], 'values': [0.1]}, 'invalid release'),
-        ({'kind': 'chute', 'names': ['kind'], 'values': [0.1]}, 'invalid name kind'),
         ({'kind': 'chute', 'names': ['roll'] * 2, 'values': [0.1, 0.2]}, 'expected 2 different'),
         ({'kind': 'chute', 'orientation': [Quaternion(w=2.0)]}, 'expected a unit quaternion'),
-        ({'kind': 'chute', 'mesh': '/etc/passwd'}, "'mesh'"),
-        ({'names': ['roll'], 'values': [0.1]}, "invalid kind of surroundings ''"),
         ({'kind': 'x' * 200_000}, 'invalid kind of surroundings'),
         ({'kind': 'mesh', 'mesh': '/etc/passwd'}, 'invalid mesh_sha256'),
-        ({'kind': 'mesh', 'mesh_sha256': '0' * 64}, 'missing mesh'),
     ],
 )
 def test_bad_surroundings_are_rejected(surfaces, fields, expected):
@@ -157,12 +135,6 @@ def test_release_name_and_orientation_survive_a_message():
         found = make_surroundings({'kind': 'wall', **values, 'orientation': turned}, 'mine')
         again = surroundings_of(over_the_wire(surroundings_msg(found)))
         assert (again, again.name) == (found, 'mine')
-
-
-def test_a_name_is_shown_in_one_line():
-    name = surroundings_of(Surroundings(kind='wall', name='a\nb' + 1000 * 'x')).name
-    assert name.startswith('a bx')
-    assert len(name) <= 300
 
 
 def test_values_that_are_left_out_have_their_defaults(surfaces):
@@ -200,7 +172,6 @@ def test_contacts_round_trip(with_contacts, surfaces):
     )
     sent = [list(each.contacts) for each in message.contacts]
     assert sent == [[1, 2], [2, 0], [-1, -2], [-3, 1]]
-    assert message.contacts[0].planes == ['belt', 'wall']
     assert message.contacts[0].probability == 5 / 20
     assert message.contacts[0].lower < 5 / 20 < message.contacts[0].upper
     again = distribution_from(message).contacts
@@ -211,11 +182,10 @@ def test_contacts_round_trip(with_contacts, surfaces):
             np.testing.assert_array_equal(one_value, other_value)
 
 
-@pytest.mark.parametrize('contacts', [[99, 0], [1]])
-def test_inconsistent_contacts_are_rejected(with_contacts, surfaces, contacts):
+def test_inconsistent_contacts_are_rejected(with_contacts, surfaces):
     run = run_in(ra.surroundings('l_chute'), surfaces)
     message = distribution_msg(with_contacts, run, conversions.time_msg(0), complete=True)
-    message.contacts[0].contacts = contacts
+    message.contacts[0].contacts = [99, 0]
     with pytest.raises(InvalidValueError, match='expected a code from -3 to'):
         distribution_from(message)
 

@@ -1,6 +1,5 @@
 """Round trips between actions, transition matrices and ROS messages, through real CDR."""
 
-import math
 import re
 
 import numpy as np
@@ -69,11 +68,8 @@ def test_action_round_trip():
     ('changes', 'expected'),
     [
         ({'kind': 'no_kind'}, "invalid kind of action 'no_kind': expected one of kick, "),
-        ({'name': 'a b'}, "invalid name 'a b' of an action"),
         ({'values': [1.0]}, 'expected a different one for each of 1 values'),
         ({'names': ['spin', 'mass']}, "invalid value 'mass' of a kick: expected "),
-        ({'values': [1.0, math.nan]}, 'invalid spin nan: expected 0 to '),
-        ({'names': ['spin', 'time'], 'values': [1, 1e6]}, 'invalid time 1000000.0: expected more'),
     ],
 )
 def test_invalid_action_is_rejected(changes, expected):
@@ -82,13 +78,13 @@ def test_invalid_action_is_rejected(changes, expected):
         action_from(FeederAction(**fields))
 
 
-def test_matrix_round_trip(message, result, part):
+def test_matrix_round_trip(message, result):
     made = result(np.arange(1, 33).reshape(4, 8), confidence=0.9)
+    assert [getattr(message, name.upper()) for name in OUTCOMES] == list(range(message.OUTCOMES))
     assert (message.header.stamp, message.header.frame_id) == (time_msg(17), 'cell')
     assert (message.complete, message.ended) == (True, False)
     assert run_from(message.run) == made.run
     assert action_from(message.action) == ACTION
-    assert (message.confidence, message.interval) == (0.9, 'wilson')
     assert list(message.actions) == made.matrix.actions.tolist()
     sent = [
         np.reshape(each, (4, 8)) for each in (message.probability, message.lower, message.upper)
@@ -98,13 +94,10 @@ def test_matrix_round_trip(message, result, part):
     np.testing.assert_array_equal(again.counts, made.matrix.counts)
     assert (again.interval, again.confidence) == ('wilson', 0.9)
     assert (again.energy_growth, again.sliding) == (0.02, 5)
-    np.testing.assert_array_equal(again.by_class().counts, made.matrix.by_class().counts)
-    assert [aspect.id for aspect in again.aspects] == [1, 2, 3, 4]
-    assert again.aspects.part_sha256 == part('tetrahedron').part_sha256
+    assert again.aspects.part_sha256 == made.part.part_sha256
     # The aspects have the counts of the drops.
     assert message.drops == made.drop.drops == 32
     assert [aspect.count for aspect in message.aspects] == [5, 6, 7, 8]
-    assert [aspect.upper for aspect in message.aspects] == [i.upper for i in made.drop.intervals()]
 
 
 def test_row_without_actions_has_no_probability(result):
@@ -116,11 +109,6 @@ def test_row_without_actions_has_no_probability(result):
     assert probability[1].tolist() == [0, 1, 0, 0, 0, 0, 0, 0]
     assert list(message.long_run) == []
     assert transition_matrix_from(message).actions.tolist() == [0, 3, 0, 0]
-
-
-def test_constants_are_the_columns_after_the_aspects(message):
-    codes = [getattr(message, name.upper()) for name in OUTCOMES]
-    assert codes == list(range(message.OUTCOMES))
 
 
 def test_long_run_describes_each_closed_class(result):
@@ -144,11 +132,8 @@ def test_long_run_describes_each_closed_class(result):
     ('field', 'value', 'expected'),
     [
         ('counts', [1] * 31, 'invalid transition matrix of run '),
-        ('actions', [1, 2, 3, 4], 'invalid transition matrix of run '),
         ('aspects', [], 'expected a row for each aspect'),
-        ('interval', '', "invalid interval '': expected"),
         ('confidence', 7.0, 'invalid confidence 7.0: expected'),
-        ('action', FeederAction(), "invalid kind of action '': expected"),
         ('run.part', 'l_bracket', 'of part l_bracket: expected tetrahedron'),
         ('run.run_id', '../x', "invalid run_id '../x': expected"),
     ],
