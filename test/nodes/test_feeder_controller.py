@@ -159,11 +159,9 @@ def test_picks_are_worked_off_and_the_action_follows(cell):
     for epoch in (first.epoch + 1, first.epoch + 2):
         cell.report(PickResult.PICKED, first.image, left.pop(0))
         cell.client.wait(lambda e=epoch: cell.received[-1].epoch == e, 'next epoch')
-        advice = cell.received[-1]
-        assert [pick.detection for pick in advice.picks] == left
-    assert advice.choice == first.then
-    assert advice.supply == first.supply > 0
-    assert 'All chosen parts' in advice.reason
+        assert [pick.detection for pick in cell.received[-1].picks] == left
+    advice = cell.received[-1]
+    assert (advice.choice, advice.supply) == (first.then, first.supply)
 
 
 def test_invalid_input_is_reported_and_makes_nothing_valid(cell):
@@ -202,7 +200,7 @@ def test_model_follows_drops_and_flips(begin, part, invented, drops_of):
     found = [advice.pickable_share, advice.lower, advice.upper]
     assert found == pytest.approx([0.2, interval.low, interval.high])
 
-    # Fewer drops, as of an older run, and another action.
+    # Fewer drops, and another action.
     cell.drops.publish(drops_of([1, 0, 0, 0, 0], 'b'))
     cell.flips.publish(flips_of('tap'))
     cell.client.wait(lambda: 'invalid action tap: expected flip' in process.output, 'its refusal')

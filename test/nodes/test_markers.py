@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
@@ -15,10 +15,8 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.support import ContactPlane
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
-    BODIES,
     MAX_SHOWN,
     MESHES,
-    NAMES,
     PATCH,
     TEXTS,
     CurrentPosesPublisher,
@@ -118,64 +116,40 @@ def test_a_patch_of_a_plane_is_a_square_that_ends_at_a_wall():
     assert area(*found) == pytest.approx(16.0)
     level = ContactPlane('', np.array([0.0, 0.0, 1.0]), 0.0)
     wall = ContactPlane('', np.array([0.0, 1.0, 0.0]), -0.5)  # of the half-space y <= -0.5
-    found = plane_patch(level, [wall], origin, 2.0)
-    assert found[0][:, 1].min() == pytest.approx(-0.5)
-    assert area(*found) == pytest.approx(4 * 2.5)
-    # A plane inside another body has none.
-    above = ContactPlane('', np.array([0.0, 0.0, 1.0]), 1.0)
-    assert len(plane_patch(level, [above], origin, 2.0)[1]) == 0
-
-
-@pytest.fixture
-def markers_in(part, surfaces):
-    """Return the serialized markers of the l_bracket in surroundings."""
-
-    def markers_in(name):
-        conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
-        given = {'seed': 1, 'drops': 1, 'run_id': 'a', 'started': 1}
-        job, run = plan_run(part('l_bracket'), conditions, **given)
-        description = serialize_message(description_msg(run, job.scene, 'cell'))
-        return serialized_markers(description, part('l_bracket').hull_radius)
-
-    return markers_in
-
-
-def test_a_chute_has_two_patches_with_names(part, markers_in):
-    _, *markers = deserialize_message(markers_in('l_chute'), MarkerArray).markers
-    assert [each.text for each in markers if each.ns == NAMES] == ['belt, 0.1 m/s', 'wall']
-    belt, wall = (
-        np.array([vector(p) for p in each.points]) for each in markers if each.ns == BODIES
-    )
-    # The chute is rolled by 45 degrees: both patches rise from its axis, to different sides.
-    size = PATCH * part('l_bracket').hull_radius
-    for points in (belt, wall):
-        assert points[:, 2].min() == pytest.approx(0, abs=1e-9)
-        assert points[:, 2].max() == pytest.approx(size * np.sqrt(0.5))
-    assert belt[:, 1].mean() * wall[:, 1].mean() < 0
+    points, faces = plane_patch(level, [wall], origin, 2.0)
+    assert points[:, 1].min() == pytest.approx(-0.5)
+    assert area(points, faces) == pytest.approx(4 * 2.5)
 
 
 @pytest.mark.parametrize('name', ['l_chute', 'bowl_track'])
-def test_markers_have_what_rviz_and_foxglove_require(markers_in, name):
+def test_markers_have_what_rviz_and_foxglove_require(part, surfaces, name):
     """Read by another implementation of CDR, with its own message definitions."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    kind = 'visualization_msgs/msg/MarkerArray'
-    first, *markers = store.deserialize_cdr(markers_in(name), kind).markers
+    solid, store = part('l_bracket'), get_typestore(Stores.ROS2_JAZZY)
+    conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
+    job, run = plan_run(solid, conditions, seed=1, drops=1, run_id='a', started=1)
+    description = serialize_message(description_msg(run, job.scene, 'cell'))
+    data = serialized_markers(description, solid.hull_radius)
+    first, *markers = store.deserialize_cdr(data, 'visualization_msgs/msg/MarkerArray').markers
     assert (first.action, first.header.frame_id) == (Marker.DELETEALL, 'cell')
-    assert markers
+    assert len({(each.ns, each.id) for each in markers}) == len(markers)
+    texts = [each for each in markers if each.type == Marker.TEXT_VIEW_FACING]
+    bodies = [each for each in markers if each.type == Marker.TRIANGLE_LIST]
+    assert len(texts) == len(bodies) == len(markers) / 2 > 0
     for each in markers:
         assert (each.action, each.header.frame_id) == (Marker.ADD, 'cell')
         assert 0 < each.color.a <= 1
         assert np.linalg.norm(dataclasses.astuple(each.pose.orientation)[:4]) == pytest.approx(1)
-        if each.type == Marker.TEXT_VIEW_FACING:
-            assert each.scale.z > 0
-            assert each.text
-            continue
-        assert each.type == Marker.TRIANGLE_LIST
-        assert vector(each.scale).min() > 0
-        assert len(each.points) > 0
-        assert len(each.points) % 3 == 0
-        assert np.isfinite([vector(p) for p in each.points]).all()
-    assert len({(each.ns, each.id) for each in markers}) == len(markers)
+    points = [np.array([vector(p) for p in each.points]) for each in bodies]
+    assert all(len(each) % 3 == 0 < len(each) for each in points)
+    assert min(vector(each.scale).min() for each in bodies) > 0
+    assert min(each.scale.z for each in texts) > 0
+    if name == 'l_chute':
+        assert [each.text for each in texts] == ['belt, 0.1 m/s', 'wall']
+        # It is rolled by 45 degrees: both patches rise from its axis, to different sides.
+        for each in points:
+            assert each[:, 2].min() == pytest.approx(0, abs=1e-9)
+            assert each[:, 2].max() == pytest.approx(PATCH * solid.hull_radius * np.sqrt(0.5))
+        assert points[0][:, 1].mean() * points[1][:, 1].mean() < 0
 
 
 # -- current poses --------------------------------------------------------------------------------

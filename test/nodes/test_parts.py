@@ -13,7 +13,7 @@ from resting_aspects_ros.system import parts_folder
 
 @pytest.fixture(scope='module')
 def folder(few_parts):
-    return few_parts('box_10x20x30', 'tetrahedron')
+    return few_parts('tetrahedron')
 
 
 @pytest.fixture(scope='module')
@@ -35,14 +35,13 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
         """Wait for a status, which comes when the classifier has read the parts."""
 
         def found():
-            status = suite.client.ask('hex_nut', 3, seed=[1], **fields).status
-            return status if status.code == code else None
+            return suite.client.ask('hex_nut', 3, seed=[1], **fields).status.code == code
 
-        return suite.client.wait(found, f'status {code}').message
+        suite.client.wait(found, f'status {code}')
 
     received = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
-    listed('box_10x20x30', 'hex_nut', 'tetrahedron')
+    listed('hex_nut', 'tetrahedron')
     suite.client.wait(lambda: received, 'description of the new part')
     before = received[-1].part_sha256
     suite.client.ask('hex_nut', 3, seed=[1])
@@ -51,15 +50,14 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     suite.client.wait(lambda: received[-1].part_sha256 != before, 'changed part')
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
-    reason = answered(Status.NOT_AVAILABLE, only_known=True)
-    assert reason.endswith('; its last run was that of another version of the part')
+    answered(Status.NOT_AVAILABLE, only_known=True)
     new = suite.client.ask('hex_nut', 3, seed=[1])
     assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
     for name in ('hex_nut.stl', 'hex_nut.yaml'):
         (folder / name).unlink()
-    listed('box_10x20x30', 'tetrahedron')
-    assert 'known parts: box_10x20x30, tetrahedron' in answered(Status.UNKNOWN_PART)
+    listed('tetrahedron')
+    answered(Status.UNKNOWN_PART)
 
 
 @pytest.mark.slow
@@ -88,7 +86,7 @@ def test_mesh_that_is_not_offered_is_reported_once(suite, listed, folder):
     assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
     # Several scans have been made when the added part is offered.
     shutil.copy(parts_folder() / 'washer.stl', folder)
-    listed('box_10x20x30', 'tetrahedron', 'washer')
+    listed('tetrahedron', 'washer')
     assert simulator.output.count('broken.stl') == 1
     for name in ('washer.stl', 'broken.stl'):
         (folder / name).unlink()

@@ -99,10 +99,6 @@ def test_workers_end_with_a_killed_simulator(start_process, connect, namespace, 
     wait(lambda: simulator.group() == [], 'end of its workers')
 
 
-# How many mixed requests are made: many by hand, fewer with all other tests.
-REQUESTS = int(os.environ.get('RESTING_ASPECTS_REQUESTS', '90'))
-
-
 def resident(suite):
     """MB of each node."""
     page = os.sysconf('SC_PAGE_SIZE') / 1e6
@@ -127,9 +123,9 @@ def test_memory_does_not_grow_under_mixed_requests(suite, quick):
                 answer = client.canceled(goal).result
             codes.add(answer.status.code)
 
-    ask(REQUESTS // 3)
+    ask(30)
     before = resident(suite)
-    ask(REQUESTS - REQUESTS // 3)
+    ask(60)
     after = resident(suite)
     assert codes <= {Status.OK, Status.UNKNOWN_PART, Status.CANCELED}
     for name, mb in after.items():
@@ -207,22 +203,13 @@ def test_killed_simulator_is_reported(suite):
     client.wait(lambda: not client.ask(drops=5, seed=[46]).status.code, 'good answer')
 
 
-# The recorder is killed after it reports at most this many of the batches: before it is done.
-BATCHES, LATEST, BATCH = 200, 100, 250
-KILLS = 3
+BATCHES, BATCH = 200, 250
 
 
 def reported_drops(process):
     """Return how many drops a recorder reports as written."""
     found = re.findall(r' (\d+) drops are in .*\n', process.output)
     return max(map(int, found), default=0)
-
-
-def batches_in(log, topic):
-    """Return the batches of poses in a log, in CDR."""
-    with AnyReader([log]) as reader:
-        connections = [each for each in reader.connections if each.topic == topic]
-        return [bytes(data) for *_, data in reader.messages(connections)] if connections else []
 
 
 @SLOW
@@ -233,31 +220,21 @@ def test_killed_recorder_loses_no_reported_drops(
     published = list(batches(BATCHES, 'killed'))
     publisher = client.node.create_publisher(RestingPoses, RESTING_POSES, POSES)
     for data in published:
-        publisher.publish(data)  # it has them still for each recorder, which writes its own log
+        publisher.publish(data)  # it has them still for the recorder
     debug = ('--log-level', f'{namespace[1:]}.drop_recorder:=debug')
-    rng, kept = random.Random(7), []
-    for number in range(1, KILLS + 1):
-        given = {'log_folder': tmp_path}
-        recorder = start_process('drop_recorder', namespace, given, arguments=debug, ready='')
-        drops = BATCH * rng.randint(1, LATEST)
-        wait(
-            lambda recorder=recorder, drops=drops: reported_drops(recorder) >= drops,
-            'batches',
-            step=lambda: time.sleep(0.001),
-        )
-        time.sleep(rng.uniform(0, 0.01))  # the moment itself, not something that is waited for
-        recorder.end(signal.SIGKILL)
-        reported = reported_drops(recorder)
-        (log,) = tmp_path.glob('*_killed' if number == 1 else f'*_killed_{number}')
-        recover_log(log)
-        recovered = batches_in(log, f'{namespace}/{RESTING_POSES}')
-        assert recovered == published[: len(recovered)]
-        # A batch may be written but not reported yet.
-        assert len(recovered) - 1 <= reported / BATCH <= len(recovered)
-        kept.append(len(recovered))
-    # All but perhaps a few, on a busy machine, were in the middle of writing, and nowhere else.
-    assert sum(0 < number < BATCHES for number in kept) >= KILLS - 2, kept
-    assert len(set(kept)) > KILLS / 2, kept
+    given = {'log_folder': tmp_path}
+    recorder = start_process('drop_recorder', namespace, given, arguments=debug, ready='')
+    some = BATCH * random.randint(1, BATCHES // 2)
+    wait(lambda: reported_drops(recorder) >= some, 'batches', step=lambda: time.sleep(0.001))
+    recorder.end(signal.SIGKILL)
+    (log,) = tmp_path.glob('*_killed')
+    recover_log(log)
+    with AnyReader([log]) as reader:
+        of_poses = [each for each in reader.connections if each.topic.endswith(RESTING_POSES)]
+        recovered = [bytes(data) for *_, data in reader.messages(of_poses)]
+    assert recovered == published[: len(recovered)]
+    # A batch may be written but not reported yet.
+    assert len(recovered) - 1 <= reported_drops(recorder) / BATCH <= len(recovered)
 
 
 # -- replays --------------------------------------------------------------------------------------

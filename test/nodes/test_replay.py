@@ -2,14 +2,13 @@
 
 import pytest
 from mcap.writer import Writer
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.input_files import yaml_text
 from resting_aspects_ros.logs.reader import Recording
 from resting_aspects_ros.logs.topics import Qos, qos_profiles
 from resting_aspects_ros.nodes.log_replayer.node import PAUSE_BEFORE, LogPlayer, replayed_topics
-from resting_aspects_ros.ros.interface import LATCHED
+from resting_aspects_ros.ros.interface import LATCHED, offered_qos
 from resting_aspects_ros.ros.interface import POSES as DEEP
 
 # -- names and QoS --------------------------------------------------------------------------------
@@ -18,8 +17,6 @@ KINDS = {
     'poses': 'resting_aspects_interfaces/msg/RestingPoses',
     'part': 'resting_aspects_interfaces/msg/PartDescription',
     'distribution': 'resting_aspects_interfaces/msg/AspectDistribution',
-    'transitions': 'resting_aspects_interfaces/msg/TransitionMatrix',
-    'markers': 'visualization_msgs/msg/MarkerArray',
     'text': 'std_msgs/msg/String',
 }
 
@@ -53,8 +50,6 @@ ONE = {
     'resting_poses': 'poses',
     'parts/nut': 'part',
     'aspect_distributions/nut': 'distribution',
-    'transitions/nut': 'transitions',
-    'markers': 'markers',
     'camera/left/note': 'text',
 }
 SEVERAL = {
@@ -91,30 +86,20 @@ def test_log_without_a_replayable_topic_is_rejected(recording):
         replayed_topics(log)
 
 
-def offered(recording):
-    ((topic,), _) = replayed_topics(recording)
-    qos = topic.qos
-    return qos.depth, qos.reliability, qos.durability, qos.history
-
-
-def test_recorded_qos_is_offered(recording):
-    profiles = yaml_text(qos_profiles(Qos(7, 'best_effort', 'volatile', 'keep_all')))
-    assert offered(recording({'/x': 'poses'}, offered_qos_profiles=profiles)) == (
-        7,
-        ReliabilityPolicy.BEST_EFFORT,
-        DurabilityPolicy.VOLATILE,
-        HistoryPolicy.KEEP_ALL,
-    )
-
-
-@pytest.mark.parametrize(('kind', 'usual'), [('poses', DEEP), ('distribution', LATCHED)])
-def test_missing_qos_of_a_suite_topic_is_the_default(recording, kind, usual):
+def test_recorded_qos_is_offered_or_else_the_default(recording):
     """The depth is not in a bag that rosbag2 recorded; a log of another writer has no QoS."""
+
+    def offered(kind, **metadata):
+        ((topic,), _) = replayed_topics(recording({'/x': kind}, **metadata))
+        return offered_qos(topic.qos)
+
+    given = Qos(7, 'best_effort', 'volatile', 'keep_all')
+    assert offered('poses', offered_qos_profiles=yaml_text(qos_profiles(given))) == given
     bag = qos_profiles(Qos(0, durability='transient_local'))
     bag[0]['history'] = 'unknown'
-    expected = (usual.depth, usual.reliability, usual.durability, usual.history)
-    assert offered(recording({'/x': kind})) == expected
-    assert offered(recording({'/x': kind}, offered_qos_profiles=yaml_text(bag))) == expected
+    for kind, usual in (('poses', DEEP), ('distribution', LATCHED)):
+        assert offered(kind) == offered_qos(usual)
+        assert offered(kind, offered_qos_profiles=yaml_text(bag)) == offered_qos(usual)
 
 
 # -- times ----------------------------------------------------------------------------------------

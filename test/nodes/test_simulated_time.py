@@ -3,10 +3,10 @@
 import time
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from resting_aspects_interfaces.msg import AspectDistribution, Status
+from ros_graph import Diagnostics
 
-from resting_aspects_ros.ros.interface import DIAGNOSTICS, LATCHED
+from resting_aspects_ros.ros.interface import LATCHED
 
 NODES = ('drop_simulator', 'aspect_classifier', 'drop_recorder')
 YEAR = 365 * 86_400
@@ -21,7 +21,7 @@ def test_nodes_work_without_a_clock_publisher(start, connect, namespace, few_par
             given = {'parts_folder': few_parts('tetrahedron')}
         start(node, namespace, {'use_sim_time': 'true', **given})
     received = client.listen(AspectDistribution, 'aspect_distributions/tetrahedron', LATCHED)
-    diagnoses = client.listen(DiagnosticArray, DIAGNOSTICS, 10)
+    diagnostics = Diagnostics(client)
     answer = client.ask('tetrahedron', 20)
     assert answer.status.code == Status.OK
     run = answer.distribution.run
@@ -30,9 +30,5 @@ def test_nodes_work_without_a_clock_publisher(start, connect, namespace, few_par
     client.wait(lambda: list(tmp_path.glob(f'*_{run.run_id}/metadata.yaml')), 'log')
     # Stamps of messages are ROS time, as everywhere.
     assert answer.distribution.header.stamp.sec == 0
-
-    def all_received():
-        names = [status.name for message in diagnoses for status in message.status]
-        return all(names.count(f'{namespace[1:]}/{node}') >= 2 for node in NODES)
-
-    client.wait(all_received, 'diagnostics')
+    for node in NODES:
+        diagnostics.wait(node, lambda *_: True, node)

@@ -62,4 +62,5 @@ def test_errors_of_a_topic_are_logged_once_per_period(node, logged, monkeypatch)
     second, taken = listen(node, 'second', RuntimeError)
     assert len(logged(second, [3, 4], taken)) == 2
     monkeypatch.setattr(callbacks, 'LOG_PERIOD', 0.0)
-    assert len(logged(second, range(5), taken)) == 2 + 5
+    third, taken = listen(node, 'third', InvalidValueError)
+    assert len(logged(third, range(5), taken)) == 2 + 5

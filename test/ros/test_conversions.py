@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from resting_aspects_interfaces.msg import ObservedCounts
 from scipy.stats import binomtest
 from wire import over_the_wire
 
@@ -15,7 +14,6 @@ from resting_aspects_ros.aspects.estimate import RestingShape, estimate
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros import conversions
-from resting_aspects_ros.ros.count_conversions import observed_from
 from resting_aspects_ros.ros.distribution_conversions import (
     distribution_from,
     distribution_msg,
@@ -52,15 +50,7 @@ RUN = RunDescription(
 POSES = Poses(
     first_drop=2**40,
     position=np.arange(1.0, 16.0).reshape(5, 3) / 10,
-    orientation=np.array(
-        [
-            [0.1, -0.3, 0.5, 0.65**0.5],
-            [0, 0, 0, 1],
-            [1, 0, 0, 0],
-            [0, 0, 0.6, 0.8],
-            [0, 0.6, 0, 0.8],
-        ]
-    ),
+    orientation=np.tile([0.1, -0.3, 0.5, 0.65**0.5], (5, 1)),
     status=np.array(list(RestStatus), dtype=np.uint8),
     decided_by=np.array([DecidedBy.ENERGY, *[DecidedBy.STILLNESS] * 4], dtype=np.uint8),
     time_to_rest=np.array([0.7, 1.9, math.nan, 0.3, 2.0]),
@@ -80,8 +70,6 @@ def test_poses_round_trip(assert_same_poses):
     message = over_the_wire(message)
     assert (message.last, message.header.stamp, message.header.frame_id) == (True, stamp, 'tray')
     assert message.run == conversions.run_msg(RUN)
-    assert message.orientation[2] == 0.5
-    assert message.position[1] == 0.2
     assert_same_poses(conversions.poses_from(message), POSES)
 
 
@@ -126,19 +114,8 @@ def test_invalid_poses_are_rejected(field, change, expected):
 def test_invalid_run_description_is_rejected(field, value):
     message = conversions.run_msg(RUN)
     setattr(message, field, value)
-    with pytest.raises(InvalidValueError, match=': expected ') as caught:
+    with pytest.raises(InvalidValueError, match=': expected '):
         conversions.run_from(message)
-    assert len(str(caught.value)) < 300
-
-
-@pytest.mark.parametrize(('field', 'value'), [('name', 'z' * 100_000), ('format', '../z')])
-def test_description_must_match_its_topic(part, field, value):
-    message = conversions.part_msg(part('tetrahedron'))
-    conversions.check_description(message, 'tetrahedron')
-    setattr(message, field, value)
-    expected = r"^invalid description of part 'tetrahedron': .{,200}$"
-    with pytest.raises(InvalidValueError, match=expected):
-        conversions.check_description(message, 'tetrahedron')
 
 
 @pytest.mark.parametrize(
@@ -151,23 +128,11 @@ def test_description_must_match_its_topic(part, field, value):
 )
 def test_inconsistent_distribution_is_rejected(part, field, value, expected):
     aspects = find_aspects(part('tetrahedron'))
-    counts = np.array([1010] + [0] * (len(aspects) - 1))
-    counted = Distribution(aspects, counts, 0, 0, 0)
+    counted = Distribution(aspects, np.array([1010, 0, 0, 0]), 0, 0, 0)
     message = distribution_msg(counted, RUN, conversions.time_msg(0), complete=True)
     setattr(message, field, value)
     with pytest.raises(InvalidValueError, match=re.escape(expected)):
         distribution_from(message)
-
-
-def test_invalid_counts_in_a_log_are_ignored():
-    """As aspect_classifier does; the third message has too long a name of its session."""
-    sent = [((3, 4), 'a'), ((5, 6), 'a'), ((9, 9), 'b' * 201), ((5, 7), 'a')]
-    logged = [
-        (10**18 + k, ObservedCounts(part='nut', supplied=total, session=session))
-        for k, (total, session) in enumerate(sent)
-    ]
-    observed = observed_from(logged, 'log', [1, 2])
-    assert observed.totals.tolist() == [5, 7]
 
 
 def test_part_round_trip(part):
@@ -182,37 +147,25 @@ def test_part_round_trip(part):
     assert sent == [ixx, ixy, ixz, iyy, iyz, izz]
 
 
-def test_model_range_round_trip(part):
-    aspects = find_aspects(part('t_prism'))
-    counts = np.arange(10, 10 + len(aspects))
-    without = Distribution(aspects, counts, 1, 2, 3)
-    draws = Draws(np.tile(np.arange(len(aspects) + 1), (8, 9)), ('friction',))
-    given = with_model_range(without, draws)
-    message = over_the_wire(distribution_msg(given, RUN, conversions.time_msg(17), complete=True))
-    found = distribution_from(message).model
-    assert found.uncertain == ('friction',)
-    np.testing.assert_array_equal(found.by_aspect, given.model.by_aspect)
-    np.testing.assert_array_equal(found.by_class, given.model.by_class)
-    message = distribution_msg(without, RUN, conversions.time_msg(17), complete=True)
-    assert distribution_from(over_the_wire(message)).model is None
-
-
 def test_distribution_round_trip(part):
     aspects = find_aspects(part('l_bracket'))
     counts = np.arange(10, 10 + len(aspects))
-    original = Distribution(
+    without = Distribution(
         aspects, counts, unclassified=1, unsettled=2, failed=3, lost=4, sliding=5
     )
+    draws = Draws(np.tile(np.arange(len(aspects) + 1), (8, 9)), ('friction',))
+    original = with_model_range(without, draws)
     stamp = conversions.time_msg(17)
     message = over_the_wire(distribution_msg(original, RUN, stamp, complete=True))
     assert (message.header.stamp, message.header.frame_id) == (stamp, 'tray')
     assert (message.complete, message.drops) == (True, counts.sum() + 15)
     assert message.run == conversions.run_msg(RUN)
-    intervals = original.intervals()
-    assert [(a.probability, a.lower, a.upper) for a in message.aspects] == [
-        (i.probability, i.lower, i.upper) for i in intervals
-    ]
     again = distribution_from(message)
+    assert again.model.uncertain == ('friction',)
+    np.testing.assert_array_equal(again.model.by_aspect, original.model.by_aspect)
+    np.testing.assert_array_equal(again.model.by_class, original.model.by_class)
+    message = over_the_wire(distribution_msg(without, RUN, stamp, complete=True))
+    assert distribution_from(message).model is None
     assert again.counts.tolist() == counts.tolist()
     assert (again.unclassified, again.unsettled, again.failed) == (1, 2, 3)
     assert (again.lost, again.sliding, again.contacts) == (4, 5, None)
@@ -239,7 +192,5 @@ def test_probability_of_several_aspects(part):
     predicted = estimate_msg(prediction, shape, conversions.time_msg(1))
     share = probability_of(predicted, (4, 1))
     assert share.probability == pytest.approx(prediction.probabilities[[0, 3]].sum())
-    assert math.isnan(share.lower)
-    for message in (found, predicted):
-        with pytest.raises(InvalidValueError, match='invalid aspect 6: expected 1 to 5'):
-            probability_of(message, [1, 6])
+    with pytest.raises(InvalidValueError, match='invalid aspect 6: expected 1 to 5'):
+        probability_of(predicted, [1, 6])

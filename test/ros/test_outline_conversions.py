@@ -11,7 +11,6 @@ from wire import over_the_wire
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.identify import identify_part, known_part
-from resting_aspects_ros.aspects.find import ASPECT_NUMBERING
 from resting_aspects_ros.report.outlines import outlines_document
 from resting_aspects_ros.ros.conversions import (
     candidate_msg,
@@ -30,16 +29,14 @@ def corners(polygon):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['hex_nut', 'l_bracket'])
-def test_message_contains_all_fields_of_the_document(name, part):
-    result = ra.outlines(part(name))
+def test_message_contains_all_fields_of_the_document(part):
+    result = ra.outlines(part('hex_nut'))
     first, *others = result.outlines
     # As of a part that rocks.
     outlines = (dataclasses.replace(first, family=(others[0].polygon, first.polygon)), *others)
     message = over_the_wire(outlines_msg(result.part, outlines, result.look_alikes))
     document = outlines_document(result.part, outlines, result.look_alikes)
     assert (message.part, message.part_sha256) == (document['part'], document['part_sha256'])
-    assert message.aspect_numbering == ASPECT_NUMBERING
     assert len(message.outlines) == len(document['outlines'])
     for found, expected in zip(message.outlines, document['outlines'], strict=True):
         orientation = [getattr(found.orientation, axis) for axis in 'xyzw']

@@ -24,7 +24,6 @@ from resting_aspects_ros.ros.conversions import (
 from resting_aspects_ros.ros.distribution_conversions import distribution_from, distribution_msg
 from resting_aspects_ros.simulation.job import RunDescription
 from resting_aspects_ros.simulation.surroundings import make_surroundings, surroundings_names
-from resting_aspects_ros.simulation.surroundings_kinds import KINDS
 from resting_aspects_ros.statistics.distribution import Distribution, Placement, Placements
 
 RADIUS = 0.02
@@ -108,27 +107,21 @@ def test_a_mesh_travels_in_the_message(ramp, surfaces):
         ({'kind': 'chute', 'names': ['belt.sped'], 'values': [0.1]}, "'sped'"),
         ({'kind': 'chute', 'names': ['roll'] * 2, 'values': [0.1, 0.2]}, 'expected 2 different'),
         ({'kind': 'chute', 'orientation': [Quaternion(w=2.0)]}, 'expected a unit quaternion'),
-        ({'kind': 'x' * 200_000}, 'invalid kind of surroundings'),
         ({'kind': 'mesh', 'mesh': '/etc/passwd'}, 'invalid mesh_sha256'),
     ],
 )
 def test_bad_surroundings_are_rejected(surfaces, fields, expected):
     message = conversions.conditions_msg(surfaces.get())
     message.surroundings = Surroundings(**fields)
-    with pytest.raises(InvalidValueError, match=expected) as caught:
+    with pytest.raises(InvalidValueError, match=expected):
         conversions.conditions_from(over_the_wire(message))
-    assert len(str(caught.value)) < 500
 
 
-@pytest.mark.parametrize('name', [*surroundings_names(), *sorted(KINDS.keys() - {'mesh'})])
-def test_all_surroundings_survive_a_message(name):
-    found = ra.surroundings(name)
-    assert surroundings_of(over_the_wire(surroundings_msg(found))) == (
-        None if found.level else found
-    )
-
-
-def test_release_name_and_orientation_survive_a_message():
+def test_all_surroundings_survive_a_message():
+    for name in surroundings_names():
+        found = ra.surroundings(name)
+        again = surroundings_of(over_the_wire(surroundings_msg(found)))
+        assert again == (None if found.level else found)
     values = {'bodies': {'wall': {'friction': 0.3}}, 'release': {'y_min': -0.01, 'y_max': 0.02}}
     for given in np.random.default_rng(1).standard_normal((100, 4)):
         turned = given / np.linalg.norm(given)

@@ -1,7 +1,5 @@
 """Round trips between actions, transition matrices and ROS messages, through real CDR."""
 
-import re
-
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -64,20 +62,6 @@ def test_action_round_trip():
     assert {('speed', 0.31, 'm/s'), ('spin', 11.0, 'rad/s')} <= set(rows)
 
 
-@pytest.mark.parametrize(
-    ('changes', 'expected'),
-    [
-        ({'kind': 'no_kind'}, "invalid kind of action 'no_kind': expected one of kick, "),
-        ({'values': [1.0]}, 'expected a different one for each of 1 values'),
-        ({'names': ['spin', 'mass']}, "invalid value 'mass' of a kick: expected "),
-    ],
-)
-def test_invalid_action_is_rejected(changes, expected):
-    fields = {'kind': 'kick', 'names': ['speed', 'spin'], 'values': [0.5, 1.0]} | changes
-    with pytest.raises(InvalidValueError, match=expected):
-        action_from(FeederAction(**fields))
-
-
 def test_matrix_round_trip(message, result):
     made = result(np.arange(1, 33).reshape(4, 8), confidence=0.9)
     assert [getattr(message, name.upper()) for name in OUTCOMES] == list(range(message.OUTCOMES))
@@ -134,22 +118,20 @@ def test_long_run_describes_each_closed_class(result):
         ('counts', [1] * 31, 'invalid transition matrix of run '),
         ('aspects', [], 'expected a row for each aspect'),
         ('confidence', 7.0, 'invalid confidence 7.0: expected'),
-        ('run.part', 'l_bracket', 'of part l_bracket: expected tetrahedron'),
-        ('run.run_id', '../x', "invalid run_id '../x': expected"),
+        ('aspect_numbering', ASPECT_NUMBERING + 1, f'expected {ASPECT_NUMBERING}'),
+        ('action', FeederAction(kind='no_kind'), 'invalid kind of action'),
+        ('action', FeederAction(kind='kick', values=[1.0]), 'expected a different one for each'),
+        ('action', FeederAction(kind='kick', values=[1.0], names=['mass']), 'invalid value'),
     ],
 )
 def test_inconsistent_matrix_is_rejected(message, field, value, expected):
     changed = over_the_wire(message)
-    *path, name = field.split('.')
-    setattr(getattr(changed, path[0]) if path else changed, name, value)
-    check_transitions(message, 'tetrahedron')
-    with pytest.raises(InvalidValueError, match=re.escape(expected)):
-        check_transitions(changed, 'tetrahedron')
-
-
-def test_matrix_of_another_numbering_is_rejected(message):
-    changed = over_the_wire(message)
-    changed.aspect_numbering = ASPECT_NUMBERING + 1
+    setattr(changed, field, value)
     assert serialized_transitions(serialize_message(message)) == message
-    with pytest.raises(InvalidValueError, match=f'expected {ASPECT_NUMBERING}'):
+    with pytest.raises(InvalidValueError, match=expected):
         serialized_transitions(serialize_message(changed))
+
+
+def test_matrix_of_another_part_is_rejected(message):
+    with pytest.raises(InvalidValueError, match='of part tetrahedron: expected l_bracket'):
+        check_transitions(message, 'l_bracket')
