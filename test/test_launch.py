@@ -4,7 +4,7 @@ import ast
 import importlib
 import sys
 from pathlib import Path
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -57,14 +57,6 @@ def test_launch_arguments_reach_the_matching_nodes():
     assert set(types) == set().union(*nodes.values())
 
 
-class Launched(NamedTuple):
-    """The result of a launch: its exit code, its output, and the arguments of each program."""
-
-    code: int
-    output: str
-    started: dict[str, list[str]]
-
-
 @pytest.fixture
 def prefix(tmp_path, monkeypatch):
     """Install packages whose programs write down their arguments; returns the function."""
@@ -92,7 +84,10 @@ def prefix(tmp_path, monkeypatch):
 
 @pytest.fixture
 def launch(prefix, tmp_path, capfd, monkeypatch):
-    """Execute the launch file until all programs have ended, as `ros2 launch` does."""
+    """Execute the launch file until all programs have ended, as `ros2 launch` does.
+
+    The function returns the exit code, the output, and the arguments of each program.
+    """
     from launch import LaunchDescription, LaunchService
     from launch.actions import IncludeLaunchDescription
     from launch.launch_description_sources import PythonLaunchDescriptionSource
@@ -111,7 +106,7 @@ def launch(prefix, tmp_path, capfd, monkeypatch):
         started = {
             file.name: file.read_text().splitlines() for file in (tmp_path / 'started').iterdir()
         }
-        return Launched(code, captured.out + captured.err, started)
+        return SimpleNamespace(code=code, output=captured.out + captured.err, started=started)
 
     return launch
 

@@ -23,7 +23,7 @@ from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier import known
 from resting_aspects_ros.ros import health
-from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msgs, time_msg
+from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
@@ -190,12 +190,6 @@ def invented(part, surfaces):
         return ReorientResult(matrix, named_action(action), run, solid, drop, complete=True)
 
     return invented
-
-
-@pytest.fixture
-def quick(surfaces):
-    """Return conditions for short drops: from a low height, without bounces."""
-    return [conditions_msg(surfaces.get().changed(height=1e-3, restitution=0.0))]
 
 
 @pytest.fixture(scope='session')

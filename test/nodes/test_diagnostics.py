@@ -4,11 +4,7 @@ import re
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from resting_aspects_interfaces.msg import PartDescription, RestingPoses
 from ros_graph import Diagnostics
-
-from resting_aspects_ros.ros.conversions import part_msg
-from resting_aspects_ros.ros.interface import LATCHED, POSES
 
 
 @pytest.fixture(scope='module')
@@ -42,31 +38,6 @@ def test_nodes_publish_diagnostics(suite, diagnostics):
             node, lambda _, message, __: message == 'idle', f'{node} idle'
         )
         assert int(values[key]) == drop.result.drops
-
-
-def test_missing_and_uncounted_drops_are_reported(
-    start, connect, namespace, batches, part, tmp_path
-):
-    client = connect(namespace)
-    diagnostics = Diagnostics(client)
-    start('aspect_classifier', namespace, {'log_folder': tmp_path})
-    out = client.node.create_publisher(RestingPoses, 'resting_poses', POSES)
-    for data in list(batches(4))[:3:2]:
-        out.publish(data)
-
-    def reported(key, number):
-        return diagnostics.wait(
-            'aspect_classifier', lambda *status: status[2][key] == number, f'{number} {key}'
-        )
-
-    level, message, _ = reported('missing drops', '250')
-    assert level == DiagnosticStatus.WARN
-    assert message.startswith('250 drops are missing')
-    # The aspects are unknown, since the part has not been described.
-    reported('drops not counted yet', '500')
-    described = client.node.create_publisher(PartDescription, 'parts/tetrahedron', LATCHED)
-    described.publish(part_msg(part('tetrahedron')))
-    reported('drops not counted yet', '250')
 
 
 @pytest.mark.parametrize('node', ['drop_simulator', 'drop_recorder'])

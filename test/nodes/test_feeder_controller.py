@@ -21,7 +21,7 @@ from scipy.stats import binomtest
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.ros.conversions import part_msg, time_msg
+from resting_aspects_ros.ros.conversions import part_msg, pose_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, transitions_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
 
@@ -56,22 +56,21 @@ class Cell:
         for output in (self.images, self.results):
             client.wait(output.get_subscription_count, 'controller')
 
-    def now(self):
-        return self.client.node.get_clock().now().nanoseconds
+    def header(self, age=0.0):
+        now = self.client.node.get_clock().now().nanoseconds
+        return Header(stamp=time_msg(now - round(age * SECOND)), frame_id='tray')
 
     def show(self, *detections, age=0.0):
         """Publish an image; return its number."""
         self.number += 1
         message = DetectionArray(image=self.number, detections=detections)
-        message.header.stamp = time_msg(self.now() - round(age * SECOND))
-        message.header.frame_id = 'tray'
+        message.header = self.header(age)
         self.images.publish(message)
         return self.number
 
     def report(self, result, image=0, detection=0):
-        header = Header(stamp=time_msg(self.now()))
-        message = PickResult(result=result, image=image, detection=detection, header=header)
-        self.results.publish(message)
+        given = {'result': result, 'image': image, 'detection': detection}
+        self.results.publish(PickResult(header=self.header(), **given))
 
     def advice(self, choice, holds=lambda _: True):
         """Return the newest advice once it is as expected."""
@@ -118,12 +117,11 @@ def running(start, connect, part, drops_of):
 @pytest.fixture
 def cell(running):
     """Its cell, with an empty tray."""
-    cell = running
-    epoch = cell.received[-1].epoch
-    cell.report(PickResult.MOVED)
-    cell.advice('WAIT', lambda advice: advice.epoch == epoch + 1)
-    cell.advice_for(choice='SUPPLY')
-    return cell
+    epoch = running.received[-1].epoch
+    running.report(PickResult.MOVED)
+    running.advice('WAIT', lambda advice: advice.epoch == epoch + 1)
+    running.advice_for(choice='SUPPLY')
+    return running
 
 
 @pytest.fixture(scope='module')
@@ -146,10 +144,7 @@ def test_picks_are_sorted_and_have_the_poses_of_the_part(cell, part):
     )
     assert [(pick.detection, pick.symmetry_class) for pick in advice.picks] == [(2, 1), (0, 1)]
     (expected,) = known_part(part(PART), {1: 1.0}).placements[0].poses(0.15, 0.02, -2.0)
-    (pose,) = advice.picks[0].poses
-    p, q = pose.position, pose.orientation
-    assert [p.x, p.y, p.z] == pytest.approx(expected.position.tolist())
-    assert [q.x, q.y, q.z, q.w] == pytest.approx(expected.orientation.tolist())
+    assert advice.picks[0].poses == [pose_msg(expected.position, expected.orientation)]
     assert advice.header.frame_id == 'tray'
 
 
@@ -242,7 +237,5 @@ def test_camera_that_stops_is_reported_and_may_continue(begin, part, drops_of):
     assert [len(a.picks) for a in cell.received if a.image == image] == [3, 0]
     assert advice.reason.endswith('Before, the advice was to pick parts.')
     image = cell.show(seen())
-    cell.client.wait(
-        lambda: [a for a in cell.received if a.image == image and a.picks], 'picks again'
-    )
+    cell.client.wait(lambda: any(a.image == image and a.picks for a in cell.received), 'picks')
     assert 'check the camera' in process.output

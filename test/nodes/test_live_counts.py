@@ -189,8 +189,6 @@ def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     for name in ('sentence', 'parts_per_minute', 'lower', 'upper', 'best_number', 'limited_by'):
         assert getattr(found, name) == getattr(expected, name)
     assert (found.prediction_lower, found.prediction_upper) == expected.named.forecast.prediction
-    shorter = dict(zip(found.times, found.shorter, strict=True))
-    assert shorter == {k: v[0] for k, v in expected.named.forecast.sensitivity.items()}
     assert (found.run_id, found.drops, found.counted_parts) == ('a', 10_000, 0)
 
     # With the counts of the machine, of which fewer parts are pickable.
@@ -206,7 +204,6 @@ def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
 @pytest.mark.parametrize(
     ('fields', 'code', 'message'),
     [
-        ({'part': 'cube'}, Status.UNKNOWN_PART, 'cube'),
         ({'action': 'tap'}, Status.NOT_AVAILABLE, "by action 'tap' are known, request reorient"),
         ({'aspects': [1]}, Status.INVALID, 'expected either aspects or classes'),
     ],

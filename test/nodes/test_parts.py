@@ -60,22 +60,6 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
     answered(Status.UNKNOWN_PART)
 
 
-@pytest.mark.slow
-def test_part_that_is_gone_before_a_scan_is_not_offered(start, connect, namespace, few_parts):
-    """Its file is new: a goal reads it at once."""
-    folder = few_parts('tetrahedron')
-    seldom = {'nodes.drop_simulator.node.SCAN_PERIOD': 3.0}
-    start('drop_simulator', namespace, {'parts_folder': folder, 'workers': 1}, seldom)
-    client = connect(namespace)
-    client.wait(lambda: list(client.parts()) == ['tetrahedron'], 'first scan')
-    shutil.copy(parts_folder() / 'hex_nut.stl', folder)
-    assert client.drop('hex_nut', 3).result.status.code == Status.OK
-    (folder / 'hex_nut.stl').unlink()
-    client.wait(
-        lambda: client.drop('hex_nut', 3).result.status.code == Status.UNKNOWN_PART, 'next scan'
-    )
-
-
 def test_mesh_that_is_not_offered_is_reported_once(suite, listed, folder):
     simulator, diagnostics = suite.nodes['drop_simulator'], Diagnostics(suite.client)
     (folder / 'broken.stl').write_bytes(b'no mesh')

@@ -22,7 +22,7 @@ from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client import NotAvailableError, RestingAspectsClient, connection
 from resting_aspects_ros.logs.bag import recorded_outcome
 from resting_aspects_ros.logs.recovery import recover_log
-from resting_aspects_ros.ros.conversions import poses_from
+from resting_aspects_ros.ros.conversions import conditions_msg, poses_from
 from resting_aspects_ros.ros.interface import POSES, RESTING_POSES
 from resting_aspects_ros.statistics.distribution import count_poses
 
@@ -109,8 +109,9 @@ def resident(suite):
 
 
 @SLOW
-def test_memory_does_not_grow_under_mixed_requests(suite, quick):
+def test_memory_does_not_grow_under_mixed_requests(suite, surfaces):
     client, rng, codes = suite.client, random.Random(8), set()
+    quick = [conditions_msg(surfaces.get().changed(height=1e-3, restitution=0.0))]
 
     def ask(count):
         for _ in range(count):

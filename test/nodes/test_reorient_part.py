@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import FeederAction, Status, TransitionMatrix
+from resting_aspects_interfaces.msg import Status, TransitionMatrix
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
@@ -14,25 +14,22 @@ from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, TRANSITIONS_T
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import transitions_msg
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.simulation.actions import Kick
 
 SEED = 5
 
 
 @pytest.fixture(scope='module')
-def goal(suite):
-    """Return a finished goal."""
-    return suite.client.reorient('tetrahedron', 'tap', 60, drops=100, seed=SEED)
-
-
-@pytest.fixture(scope='module')
-def found(goal):
-    """Return the matrix of the goal."""
+def found(suite):
+    """Return the matrix of a finished goal."""
+    goal = suite.client.reorient('tetrahedron', 'tap', 60, drops=100, seed=SEED)
     assert (goal.outcome, goal.result.status) == ('succeeded', Status(code=Status.OK))
+    progress = [(each.drops, each.done) for each in goal.feedback]
+    assert progress == sorted(set(progress))
+    assert {each.total for each in goal.feedback} == {240}
     return goal.result.transitions
 
 
-def test_matrix_and_run_are_those_of_the_python_interface(goal, found, part):
+def test_matrix_and_run_are_those_of_the_python_interface(found, part):
     expected = ra.reorient(part('tetrahedron'), 'tap', 60, drops=100, seed=SEED, workers=1)
     assert list(found.counts) == expected.matrix.counts.ravel().tolist()
     assert list(found.actions) == [60, 60, 60, 60]
@@ -42,10 +39,6 @@ def test_matrix_and_run_are_those_of_the_python_interface(goal, found, part):
     of_run = {'run_id': run.run_id, 'started': run.started}
     assert run == dataclasses.replace(expected.run, **of_run)
     assert (found.action.name, found.action.kind) == ('tap', 'kick')
-    progress = [(each.drops, each.done) for each in goal.feedback]
-    assert progress == sorted(set(progress))
-    assert progress[0] == (100, 0)
-    assert {each.total for each in goal.feedback} == {240}
 
 
 def test_service_returns_the_matrix(suite, found):
@@ -90,8 +83,6 @@ def test_invalid_matrix_is_ignored(suite):
         node = suite.nodes[name]
         suite.client.wait(lambda node=node: ignored in node.output, f'{name} ignores it')
     suite.client.node.destroy_publisher(publisher)
-    status = suite.client.transitions('box_10x20x30').status
-    assert status.code == Status.NOT_AVAILABLE
 
 
 def test_log_has_the_matrix_and_the_part(suite, found):
@@ -103,28 +94,11 @@ def test_log_has_the_matrix_and_the_part(suite, found):
     assert list(messages(folder, POSES_TYPE)) == []
 
 
-def test_client_returns_transitions_of_own_actions(client, part, surfaces):
-    conditions = surfaces.get('steel').changed(friction=0.31)
-    action, options = Kick(speed=0.6, spin=20.0), {'drops': 30, 'seed': 3}
-    done = []
-    found = client.reorient_part(
-        'u_bracket', action, 20, conditions=conditions, progress=done.append, **options
-    )
-    expected = ra.reorient(part('u_bracket'), action, 20, surface=conditions, workers=1, **options)
-    assert list(found.counts) == expected.matrix.counts.ravel().tolist()
-    assert done == sorted(done)
-
-
 @pytest.mark.parametrize(
     ('fields', 'code', 'message'),
     [
         ({'part': 'no_part'}, Status.UNKNOWN_PART, "part 'no_part' is not known; known parts"),
         ({'action': 'no_action'}, Status.INVALID, "invalid action 'no_action': expected one of"),
-        (
-            {'action': FeederAction(kind='kick', names=['speed'], values=[101.0])},
-            Status.INVALID,
-            'invalid speed 101.0: expected 0 to 100 m/s',
-        ),
         ({'drops': 0}, Status.INVALID, 'invalid drops 0: expected an integer from 1 to 2000000'),
     ],
 )
@@ -132,7 +106,6 @@ def test_invalid_goal_is_aborted_with_a_message(suite, fields, code, message):
     goal = suite.client.reorient(**fields)
     assert (goal.outcome, goal.result.status.code) == ('aborted', code)
     assert message in goal.result.status.message
-    assert goal.result.transitions == TransitionMatrix()
 
 
 def test_actions_before_a_cancel_are_kept(suite):
@@ -143,7 +116,6 @@ def test_actions_before_a_cancel_are_kept(suite):
     found, status = goal.result.transitions, goal.result.status
     made = sum(found.actions)
     assert (goal.outcome, status.code) == ('canceled', Status.CANCELED)
-    assert status.message == f'canceled after {made} of 600000 actions; these are kept'
     assert made > 0
     assert (found.complete, found.ended, len(found.long_run)) == (False, True, 6)
     suite.client.wait(lambda: received and received[-1].ended, 'last matrix')

@@ -30,24 +30,18 @@ def aspects(solid):
 
 
 @pytest.fixture(scope='module')
-def poses(engine):
-    return engine(DROPS, 1)
-
-
-@pytest.fixture(scope='module')
-def counted(aspects, poses):
+def counted(aspects, engine):
     """Return the distribution of the first drops."""
-    return lambda end=DROPS: count_poses(aspects, poses.between(0, end))
+    return lambda end=DROPS: count_poses(aspects, engine(end, 1))
 
 
 @pytest.fixture
 def run(solid, surfaces):
     """Return a function that creates the description of a run."""
 
-    def run(run_id='a', first=0, end=DROPS, *, seed=1, started=1, surface='', **changes):
-        given = {'seed': seed, 'drops': end - first, 'first_drop': first, 'started': started}
-        _, found = plan_run(solid, surfaces.get(surface), run_id=run_id, **given)
-        return dataclasses.replace(found, **changes)
+    def run(run_id='a', first=0, end=DROPS, *, surface='', **changes):
+        given = {'seed': 1, 'drops': end - first, 'first_drop': first, 'started': 1, **changes}
+        return plan_run(solid, surfaces.get(surface), run_id=run_id, **given)[1]
 
     return run
 
@@ -58,12 +52,12 @@ def tallies(aspects):
 
 
 @pytest.fixture
-def take(tallies, solid, aspects, poses):
+def take(tallies, solid, aspects, engine):
     """Return a function that adds the drops of a message; it returns their tally."""
 
     def take(run, first, end, *, last=False):
         tally = tallies.of_run(run)
-        tally.add(run, poses.between(first, end), last=last)
+        tally.add(run, engine(DROPS, 1).between(first, end), last=last)
         tally.count(solid, aspects)
         return tally
 
@@ -82,14 +76,6 @@ def test_a_further_run_extends_a_tally(run, take, tallies, counted):
     take(run('c', 0, 40, started=3), 0, 40)
     assert (tally.run.run_id, tally.complete, len(tallies)) == ('b', True, 1)
     assert tally.counted is before
-
-
-def test_drops_that_do_not_continue_others_are_another_tally(run, take, tallies, solid):
-    take(run('a', 0, 20), 0, 20, last=True)
-    apart = take(run('b', 40, 60), 40, 60, last=True)
-    assert (apart.first, apart.drops, len(tallies)) == (40, 20, 2)
-    asked = solid.part_sha256, run().conditions
-    assert tallies.find(*asked, 1, 0.0, 1).end == 20
 
 
 def test_a_precision_widens_the_intervals_from_then_on(run, take):

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 from rclpy.serialization import serialize_message
-from resting_aspects_interfaces.msg import RestingPoses, TransitionMatrix
+from resting_aspects_interfaces.msg import TransitionMatrix
 
 import resting_aspects_ros as ra
 from resting_aspects_ros.cli.main import main
@@ -13,13 +13,11 @@ from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.reader import messages
 from resting_aspects_ros.logs.topics import PART_TYPE, TRANSITIONS_TYPE, Topic
 from resting_aspects_ros.nodes.aspect_classifier.known import load_log
-from resting_aspects_ros.ros.conversions import part_msg, run_msg, time_msg
+from resting_aspects_ros.ros.conversions import part_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import transitions_msg
 from resting_aspects_ros.ros.interface import (
     ALL_LATCHED,
     LATCHED,
-    POSES,
-    RESTING_POSES,
     offered_qos,
 )
 from resting_aspects_ros.run_logs.recorder import RunRecorder
@@ -98,24 +96,6 @@ def write(result, part, tmp_path):
         return log
 
     return write
-
-
-def test_actions_with_the_run_id_of_drops_are_refused(start, connect, namespace, result, tmp_path):
-    recorder = start('drop_recorder', namespace, {'log_folder': tmp_path})
-    client, run = connect(namespace), result.run
-    node, wait = client.node, client.wait
-    drops = node.create_publisher(RestingPoses, RESTING_POSES, POSES)
-    actions = node.create_publisher(TransitionMatrix, TOPIC, LATCHED)
-    poses = RestingPoses(run=run_msg(run))
-    wait(drops.get_subscription_count, 'recorder of drops')
-    drops.publish(poses)
-    wait(lambda: list(tmp_path.iterdir()), 'log')
-    actions.publish(transitions_msg(result, time_msg(1), ended=True))
-    problem = f'a message of run {run.run_id} describes another run than its earlier messages'
-    wait(lambda: problem in recorder.output, 'error')
-    recorder.end()
-    (log,) = tmp_path.iterdir()
-    assert recorded_outcome(log) == LogOutcome(0, whole=False)
 
 
 @pytest.mark.parametrize('ended', [False, True])

@@ -65,6 +65,7 @@ def test_action_round_trip():
 def test_matrix_round_trip(message, result):
     made = result(np.arange(1, 33).reshape(4, 8), confidence=0.9)
     assert [getattr(message, name.upper()) for name in OUTCOMES] == list(range(message.OUTCOMES))
+    assert list(message.long_run) == []
     assert (message.header.stamp, message.header.frame_id) == (time_msg(17), 'cell')
     assert (message.complete, message.ended) == (True, False)
     assert run_from(message.run) == made.run
@@ -84,17 +85,6 @@ def test_matrix_round_trip(message, result):
     assert [aspect.count for aspect in message.aspects] == [5, 6, 7, 8]
 
 
-def test_row_without_actions_has_no_probability(result):
-    counts = np.zeros((4, 8), dtype=int)
-    counts[1, 1] = 3
-    message = over_the_wire(transitions_msg(result(counts), time_msg(1), ended=True))
-    probability = np.reshape(message.probability, (4, 8))
-    assert np.isnan(probability[0]).all()
-    assert probability[1].tolist() == [0, 1, 0, 0, 0, 0, 0, 0]
-    assert list(message.long_run) == []
-    assert transition_matrix_from(message).actions.tolist() == [0, 3, 0, 0]
-
-
 def test_long_run_describes_each_closed_class(result):
     """Aspects 1 and 2 alternate, 3 stays, and parts leave 4 for both; none is dropped into 3."""
     counts = np.zeros((4, 8), dtype=int)
@@ -107,7 +97,6 @@ def test_long_run_describes_each_closed_class(result):
     assert list(message.closed_class) == [1, 1, 2, 0]
     np.testing.assert_allclose(message.closed_class_share, [0.5, 0.5, 1, 0])
     np.testing.assert_allclose(message.closed_class_weight, [0.75, 0.25])
-    assert list(message.unreachable) == []
     sent = (message.long_run_lower, message.long_run_upper)
     np.testing.assert_array_equal(sent, made.long_run_bounds)
 
@@ -130,8 +119,5 @@ def test_inconsistent_matrix_is_rejected(message, field, value, expected):
     assert serialized_transitions(serialize_message(message)) == message
     with pytest.raises(InvalidValueError, match=expected):
         serialized_transitions(serialize_message(changed))
-
-
-def test_matrix_of_another_part_is_rejected(message):
     with pytest.raises(InvalidValueError, match='of part tetrahedron: expected l_bracket'):
         check_transitions(message, 'l_bracket')
