@@ -333,7 +333,7 @@ class Client:
 class Suite:
     """The three nodes and a client; the nodes are all in this process, or each in its own."""
 
-    def __init__(self, namespace, logs, start, constants=(), **simulator):
+    def __init__(self, namespace, logs, start, constants=(), arguments=(), **simulator):
         self.namespace, self.logs, self.client = namespace, logs, None
         simulator = {'workers': 2, **simulator}
         parameters = {
@@ -344,7 +344,8 @@ class Suite:
 
         def start_node(node, **options):
             constants_of = dict(constants).get(node, {})
-            return start(node, namespace, parameters[node], constants_of, **options)
+            given = {'arguments': arguments, **options}
+            return start(node, namespace, parameters[node], constants_of, **given)
 
         self._start = start_node
         # Concurrently: each reads files.

@@ -56,8 +56,14 @@ class Process:
             self.end(signal.SIGKILL)
 
     def group(self):
-        """Return the pids of all alive processes of the group."""
-        return [pid for pid, fields in _processes() if int(fields[2]) == self.pid]
+        """Return the pids of all alive processes of the group, without zombies."""
+        found = []
+        for folder in Path('/proc').glob('[0-9]*'):
+            with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
+                fields = (folder / 'stat').read_text().rpartition(')')[2].split()
+                if fields[0] != 'Z' and int(fields[2]) == self.pid:
+                    found.append(int(folder.name))
+        return found
 
     def send_to_workers(self, number):
         """Send a signal to the worker processes; return their number."""
@@ -68,17 +74,6 @@ class Process:
                     os.kill(pid, number)
                     workers += 1
         return workers
-
-
-def _processes():
-    """Yield pid and the fields of /proc/<pid>/stat after the name of all processes but zombies."""
-    for folder in Path('/proc').glob('[0-9]*'):
-        try:
-            fields = (folder / 'stat').read_text().rpartition(')')[2].split()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if fields[0] != 'Z':
-            yield int(folder.name), fields
 
 
 @pytest.fixture(scope='module')

@@ -138,10 +138,10 @@ def suite(shared_nodes, connect):
 def fresh_suite(start, connect, tmp_path_factory, few_parts):
     """Return a function that starts new nodes in this process, with few parts."""
 
-    def fresh_suite(constants=(), **simulator):
+    def fresh_suite(constants=(), arguments=(), **simulator):
         simulator = {'parts_folder': few_parts('box_10x20x30', 'tetrahedron'), **simulator}
         logs = tmp_path_factory.mktemp('logs')
-        suite = Suite(new_namespace(), logs, start, constants, **simulator)
+        suite = Suite(new_namespace(), logs, start, constants, arguments, **simulator)
         return suite.seen_by(connect(suite.namespace))
 
     return fresh_suite

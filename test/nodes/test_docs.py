@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
-from doc_pages import PAGES, ROOT, code
+from doc_pages import PAGES, code
 from resting_aspects_interfaces.msg import PartOutlines, Status
 
 from resting_aspects_ros.client import connection
@@ -192,9 +192,3 @@ def test_documented_topics_and_services_are_those_of_the_nodes(suite, dropped):
         own = {name.removeprefix(start) for name, _ in names if name.startswith(start)}
         public = {name for name in own if not name.startswith((f'{program}/', '_'))}
         assert {name.partition('/')[0] for name in public} <= listed, program
-
-
-def test_every_status_code_is_listed():
-    listed = re.findall(r'^\| `(\w+)` \| (\d+) ', PAGES[INTERFACE], re.MULTILINE)
-    text = (ROOT / 'resting_aspects_interfaces' / 'msg' / 'Status.msg').read_text()
-    assert listed == re.findall(r'^uint8 (\w+)=(\d+)', text, re.MULTILINE)

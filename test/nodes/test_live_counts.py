@@ -201,19 +201,6 @@ def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     assert counted.counted_parts == observed.sum()
 
 
-@pytest.mark.parametrize(
-    ('fields', 'code', 'message'),
-    [
-        ({'action': 'tap'}, Status.NOT_AVAILABLE, "by action 'tap' are known, request reorient"),
-        ({'aspects': [1]}, Status.INVALID, 'expected either aspects or classes'),
-    ],
-)
-def test_invalid_forecast_has_a_status(ask, fields, code, message):
-    found = ask(**fields)
-    assert (found.status.code, math.isnan(found.parts_per_minute)) == (code, True)
-    assert message in found.status.message
-
-
 def test_totals_survive_a_restart_of_the_classifier(machine, start, logs):
     machine.send([5, 7], session='latched')
     machine.posterior(lambda each: each.parts > 300)

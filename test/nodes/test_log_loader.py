@@ -1,9 +1,7 @@
 """The distributions that the classifier reads from the logs of earlier runs."""
 
-import asyncio
 import os
 import shutil
-from types import SimpleNamespace
 
 import pytest
 from resting_aspects_interfaces.msg import Status
@@ -11,7 +9,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.bag import LogOutcome
-from resting_aspects_ros.nodes.aspect_classifier.known import LogLoader, load_log, logs_in
+from resting_aspects_ros.nodes.aspect_classifier.known import load_log, logs_in
 from resting_aspects_ros.ros.conversions import poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
@@ -105,27 +103,6 @@ def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespac
     (warning,) = [line for line in classifier.output.splitlines() if 'cannot be used' in line]
     assert f'2 logs in {tmp_path} cannot be used: {text.name}: ' in warning
     assert f'{cut.parent.name}: it is not closed: ' in warning
-
-
-def test_unexpected_error_of_a_log_does_not_hide_the_others(tmp_path):
-    """Such as that of two logs of one run with other numbers of aspects."""
-
-    class Known(list):
-        def add(self, name, _):
-            if name == 'b':
-                raise ValueError('operands could not be broadcast')
-            self.append(name)
-
-    async def read(function, path):
-        return [path / 'b', path / 'a'] if function is logs_in else (path.name, None)
-
-    known, lines, done = Known(), [], []
-    logger = SimpleNamespace(info=lines.append, warning=lines.append)
-    node = SimpleNamespace(get_logger=lambda: logger)
-    loader = LogLoader(node, tmp_path, SimpleNamespace(run=read), known, ())
-    asyncio.run(loader.load(lambda: done.append(loader.ready)))
-    assert (known, done) == (['a'], [True])
-    assert 'cannot be used: b: operands could not be broadcast' in lines[-1]
 
 
 def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tmp_path):

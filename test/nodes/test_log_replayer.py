@@ -3,7 +3,6 @@
 import re
 
 import pytest
-from rclpy.exceptions import ParameterException
 from rclpy.serialization import deserialize_message, serialize_message
 from resting_aspects_interfaces.msg import (
     AspectDistribution,
@@ -140,23 +139,18 @@ def test_services_pause_and_resume(connect, namespace, replay, log):
 
 
 @pytest.mark.parametrize(
-    ('parameters', 'error', 'message'),
+    ('log', 'message'),
     [
-        ({'log': "''"}, RestingAspectsError, "invalid log ''"),
-        ({'log': '{tmp}/empty'}, RestingAspectsError, "'{tmp}/empty': expected at least one mess"),
-        ({'log': '{log}', 'rate': '.nan'}, ParameterException, 'rate'),
-        ({'log': '{tmp}/late', 'clock': True}, RestingAspectsError, 'expected at most 2147483647'),
+        ("''", "invalid log ''"),
+        ('{tmp}/empty', 'expected at least one message'),
+        ('{tmp}/late', 'expected at most 2147483647'),
     ],
-    ids=str,
 )
-def test_invalid_log_is_rejected(start, namespace, log, tmp_path, parameters, error, message):
+def test_invalid_log_is_rejected(start, namespace, tmp_path, log, message):
     RunLog(tmp_path, 'empty').close()
     late = RunLog(tmp_path, 'late')
     topic = Topic('/resting_poses', POSES_TYPE, offered_qos(POSES))
     late.write(topic, serialize_message(RestingPoses()), 2**31 * 10**9)
     late.close()
-    places = {'tmp': tmp_path, 'log': log}
-    given = {name: str(value).format(**places) for name, value in parameters.items()}
-    with pytest.raises(error) as rejected:
-        start('log_replayer', namespace, given)
-    assert message.format(**places) in str(rejected.value)
+    with pytest.raises(RestingAspectsError, match=message):
+        start('log_replayer', namespace, {'log': log.format(tmp=tmp_path), 'clock': 'true'})

@@ -10,7 +10,7 @@ from resting_aspects_interfaces.msg import Status, TransitionMatrix
 import resting_aspects_ros as ra
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.reader import messages
-from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
+from resting_aspects_ros.logs.topics import PART_TYPE, TRANSITIONS_TYPE
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import transitions_msg
 from resting_aspects_ros.ros.interface import LATCHED
@@ -41,12 +41,14 @@ def test_matrix_and_run_are_those_of_the_python_interface(found, part):
     assert (found.action.name, found.action.kind) == ('tap', 'kick')
 
 
-def test_service_returns_the_matrix(suite, found):
-    def known():
-        answer = suite.client.transitions('tetrahedron', 'tap')
-        return answer.status.code == Status.OK and answer.transitions
-
-    assert suite.client.wait(known, 'known matrix') == found
+def test_matrix_is_recorded_and_known(suite, found):
+    folder = suite.log_of(found.run.run_id)
+    *_, logged = messages(folder, TRANSITIONS_TYPE)
+    assert deserialize_message(logged, TransitionMatrix) == found
+    assert len(list(messages(folder, PART_TYPE))) == 1
+    assert recorded_outcome(folder) == LogOutcome(240, whole=True)
+    known = lambda: suite.client.transitions('tetrahedron', 'tap').transitions  # noqa: E731
+    suite.client.wait(lambda: known() == found, 'known matrix')
 
 
 def test_service_reports_what_is_not_known(suite):
@@ -83,15 +85,6 @@ def test_invalid_matrix_is_ignored(suite):
         node = suite.nodes[name]
         suite.client.wait(lambda node=node: ignored in node.output, f'{name} ignores it')
     suite.client.node.destroy_publisher(publisher)
-
-
-def test_log_has_the_matrix_and_the_part(suite, found):
-    folder = suite.log_of(found.run.run_id)
-    *_, logged = messages(folder, TRANSITIONS_TYPE)
-    assert deserialize_message(logged, TransitionMatrix) == found
-    assert len(list(messages(folder, PART_TYPE))) == 1
-    assert recorded_outcome(folder) == LogOutcome(240, whole=True)
-    assert list(messages(folder, POSES_TYPE)) == []
 
 
 @pytest.mark.parametrize(

@@ -78,13 +78,6 @@ def test_a_further_run_extends_a_tally(run, take, tallies, counted):
     assert tally.counted is before
 
 
-def test_a_precision_widens_the_intervals_from_then_on(run, take):
-    plain = take(run('a', 0, 40), 0, 40, last=True).counted.intervals()
-    tally = take(run('b', 0, 60, precision=0.1), 0, 41)
-    assert (tally.counted.by_precision, tally.run.precision) == (True, 0.1)
-    assert tally.counted.intervals()[0].lower < plain[0].lower
-
-
 def test_newest_is_the_largest_under_the_newest_conditions(run, take, tallies, solid):
     sha = solid.part_sha256
     assert tallies.newest(sha) is None
