@@ -91,7 +91,7 @@ def test_drops_of_a_run_are_published_again(suite, received, drop, batches):
 def test_only_drops_of_runs_of_this_simulator_are_published_again(suite, drop):
     for run_id, code in (
         ('another', Status.NOT_AVAILABLE),
-        (drop.result.run_id, Status.INVALID),  # with another seed
+        (drop.result.run_id, Status.INVALID),  # of another seed
         ('../../escape', Status.INVALID),
     ):
         refused = suite.client.drop(drops=5, seed=12, run_id=run_id)

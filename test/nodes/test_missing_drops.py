@@ -125,7 +125,6 @@ def simulator(fake, engine, seeds=itertools.count(1)):  # noqa: B008 - one for a
         ([(20, 40)], {(0, 20)}),
         ([(0, 20), (0, 20), (10, 40)], set()),
     ],
-    ids=['two gaps', 'beginning', 'none'],
 )
 def test_exactly_the_missing_drops_are_requested(simulator, sent, asked):
     simulator.answer = lambda name, first, end: (Status(), [(name, first, end, False)])

@@ -90,7 +90,6 @@ def test_invalid_matrix_is_ignored(suite):
 @pytest.mark.parametrize(
     ('fields', 'code', 'message'),
     [
-        ({'part': 'no_part'}, Status.UNKNOWN_PART, "part 'no_part' is not known; known parts"),
         ({'action': 'no_action'}, Status.INVALID, "invalid action 'no_action': expected one of"),
         ({'drops': 0}, Status.INVALID, 'invalid drops 0: expected an integer from 1 to 2000000'),
     ],

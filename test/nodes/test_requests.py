@@ -36,7 +36,6 @@ def refused(request, suite):
     [
         ({'part': 'x' * 300}, Status.UNKNOWN_PART, 'known parts: box_10x20x30, '),
         ({'drops': 2**64 - 1}, Status.INVALID, f'invalid drops {2**64 - 1}: expected'),
-        ({'surface': 'ice'}, Status.INVALID, "invalid surface 'ice': expected"),
         ({'precision': math.nan}, Status.INVALID, 'invalid precision nan: expected'),
         ({'conditions': [DropConditions()]}, Status.INVALID, 'invalid height 0.0: expected'),
     ],

@@ -16,12 +16,11 @@ from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 DROPS = 60
-PART = 'tetrahedron'
 
 
 @pytest.fixture(scope='module')
 def solid(part):
-    return part(PART)
+    return part('tetrahedron')
 
 
 @pytest.fixture(scope='module')
