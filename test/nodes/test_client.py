@@ -1,7 +1,6 @@
 """The Python client over DDS, with a node that is spun and without a node."""
 
 import math
-import re
 import signal
 import time
 from types import SimpleNamespace
@@ -83,11 +82,13 @@ def test_statuses_become_exceptions_and_a_closed_client_refuses(client):
         client.list_parts()
 
 
-def test_closing_ends_the_requests(suite, spun):
-    answer = spun.get_distribution_async('tetrahedron', drops=2_000_000, seed=79)
-    spun.close()
-    suite.client.wait(answer.done, 'error')
+def test_closing_ends_the_requests_and_their_runs(suite, client):
+    poses = suite.client.poses()
+    answer = client.get_distribution_async('tetrahedron', drops=2_000_000, seed=79)
+    suite.client.wait(lambda: any(b.run.seed == 79 for b in poses), 'first batch')
+    client.close()
     assert isinstance(answer.exception(), ClientUseError)
+    suite.client.wait(lambda: any(b.last and b.run.seed == 79 for b in poses), 'end of the run')
 
 
 @pytest.mark.parametrize('timeout', [None, 600.0])
@@ -109,7 +110,6 @@ def test_abandoned_request_stops_its_run(suite, spun, monkeypatch, timeout):
     if timeout is not None:
         suite.client.wait(answer.done, 'timeout')
         assert isinstance(answer.exception(), AnswerTimeoutError)
-        assert re.search(r'waited 600 s: \d+ drops are done$', str(answer.exception()))
 
     def known():
         answer = spun.get_distribution_async('tetrahedron', seed=seed, only_known=True)
