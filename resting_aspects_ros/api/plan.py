@@ -42,7 +42,6 @@ from resting_aspects_ros.statistics.intervals import (
     check_confidence,
     check_interval_method,
     check_precision,
-    drops_for,
     max_drops,
 )
 from resting_aspects_ros.statistics.poses import RestingPoses
@@ -287,9 +286,8 @@ def check_actions(
     if not len(aspects):
         raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')
     limit = MAX_DROPS // len(aspects)
-    if precision > 0:
-        columns = len(aspects) + len(OUTCOMES)
-        per_aspect = drops_for(precision, per_aspect or limit, columns, interval, confidence)
+    columns = len(aspects) + len(OUTCOMES)
+    per_aspect = max_drops(per_aspect, precision, limit, columns, interval, confidence)
     check_integer('number of actions per aspect', per_aspect, 1, limit)
     return scene, aspects, per_aspect
 

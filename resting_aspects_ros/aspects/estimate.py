@@ -261,11 +261,6 @@ class Estimate:
     method: str
     probabilities: Array
 
-    @property
-    def source(self) -> str:
-        """Publication of the method."""
-        return METHODS[self.method].source
-
     def class_probabilities(self) -> Array:
         """Return the probability (c,) of each symmetry class, by number from 1."""
         numbers = [aspect.symmetry_class for aspect in self.aspects]

@@ -41,7 +41,6 @@ class Descent:
 
     def __init__(self, body: Polyhedron) -> None:
         self._body = body
-        self._radii = np.linalg.norm(body.points, axis=1)
         around = body.edges_of_points
         self._width = max(map(len, around))
         self._edges = np.full((len(around), self._width), -1)

@@ -3,6 +3,7 @@
 Whether surfaces match and which rotations do so are one thought, of more than 600 lines.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -567,21 +568,30 @@ def _from(match: SurfaceMatch, candidates: Array, play: float) -> Array:
     return group
 
 
-def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
+def cyclic_order(has_order: Callable[[int], bool]) -> int:
     """Return the largest n for which a rotation by 1 / n fits, from its prime powers.
 
-    Or an order whose smallest rotation fits and generates the others, such as that of a nut.
+    Above HIGHEST_ORDER, no orders are distinguished.
     """
     n = 1
     for prime in range(2, HIGHEST_ORDER + 1):
         if any(prime % smaller == 0 for smaller in range(2, prime)):
             continue
         power = prime
-        while power <= HIGHEST_ORDER and _has_order(match, axis, power, order):
+        while power <= HIGHEST_ORDER and has_order(power):
             power *= prime
         n *= power // prime
         if n > HIGHEST_ORDER:
-            break  # no higher order is distinguished
+            break
+    return n
+
+
+def _cyclic_order(match: SurfaceMatch, axis: Array, order: Indices) -> int:
+    """Return the cyclic order about an axis.
+
+    Or an order whose smallest rotation fits and generates the others, such as that of a nut.
+    """
+    n = cyclic_order(lambda power: _has_order(match, axis, power, order))
     for multiple in range(HIGHEST_PRODUCT, n, -1):
         if multiple % n == 0 and _generates(match, axis, multiple, order):
             return multiple

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.errors import InvalidValueError, shown
+from resting_aspects_ros.errors import InvalidValueError, located, shown
 from resting_aspects_ros.input_files import FileModel, FromOne, Number, named, read_yaml, validated
 from resting_aspects_ros.part.part import DEFAULT_UNIT, UNITS, Unit
 from resting_aspects_ros.rotations import product, rotate
@@ -270,7 +270,5 @@ def _grasp(values: object, metres: float, where: str) -> Grasp:
         sides['radius'] = metres * given.footprint / 2
     position = metres * np.array(given.position, dtype=np.float64)
     orientation = np.array(given.orientation, dtype=np.float64)
-    try:
+    with located(where):
         return Grasp(given.aspect, position, orientation, **sides)
-    except InvalidValueError as error:
-        raise InvalidValueError(f'{error} ({where})') from None

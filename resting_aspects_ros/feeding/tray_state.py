@@ -186,32 +186,21 @@ def known_class(detection: Detection, classes: int) -> int:
 
     Raises InvalidValueError for a value that is not valid: such a part cannot be picked either.
     """
-    where = f'of detection {detection.index}'
-    for name in ('x', 'y', 'yaw'):
-        value = getattr(detection, name)
-        if not math.isfinite(value):
-            raise InvalidValueError(f'invalid {name} {value!r} {where}: expected a finite number')
-    for name in ('x', 'y'):
-        value = getattr(detection, name)
-        if abs(value) > MAX_COORDINATE:
+    each, numbers = detection, {'': 0, **{str(k): k for k in range(1, classes + 1)}}
+    for name, is_valid, expected in (
+        ('x', abs(each.x) <= MAX_COORDINATE, f'm, at most {MAX_COORDINATE:g}'),
+        ('y', abs(each.y) <= MAX_COORDINATE, f'm, at most {MAX_COORDINATE:g}'),
+        ('yaw', math.isfinite(each.yaw), 'a finite number'),
+        ('score', 0 <= each.score <= 1, '0 to 1'),
+        ('clearance', each.clearance >= 0, '0 m or more'),
+        ('class_id', each.class_id in numbers, f'a symmetry class, "1" to "{classes}", or ""'),
+    ):
+        if not is_valid:
             raise InvalidValueError(
-                f'invalid {name} {value:g} {where}: expected m, at most {MAX_COORDINATE:g}'
+                f'invalid {name} {shown(getattr(each, name))} of detection {each.index}: '
+                f'expected {expected}'
             )
-    if not 0 <= detection.score <= 1:
-        raise InvalidValueError(f'invalid score {detection.score!r} {where}: expected 0 to 1')
-    if not detection.clearance >= 0:
-        raise InvalidValueError(
-            f'invalid clearance {detection.clearance!r} {where}: expected 0 m or more'
-        )
-    if not detection.class_id:
-        return 0
-    numbers = {str(k): k for k in range(1, classes + 1)}
-    if detection.class_id not in numbers:
-        raise InvalidValueError(
-            f'invalid class_id {shown(detection.class_id)} {where}: expected a symmetry class, '
-            f'"1" to "{classes}", or ""'
-        )
-    return numbers[detection.class_id]
+    return numbers[each.class_id]
 
 
 def _check_image(image: Image, now: int) -> None:

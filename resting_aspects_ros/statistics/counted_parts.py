@@ -295,7 +295,12 @@ class LiveCounts:
     weight: float = PRIOR_WEIGHT
 
     def __post_init__(self) -> None:
-        check_weight(self.weight)
+        number = isinstance(self.weight, int | float) and not isinstance(self.weight, bool)
+        if not (number and 0 < self.weight <= MAX_WEIGHT):
+            raise InvalidValueError(
+                f'invalid prior weight {shown(self.weight)}: expected more than 0, at most '
+                f'{MAX_WEIGHT:g}'
+            )
 
     @property
     def parts(self) -> int:
@@ -332,12 +337,3 @@ class LiveCounts:
         lower, upper = containing(mean, *ends)
         rows = zip(mean.tolist(), lower.tolist(), upper.tolist(), strict=True)
         return [Interval(*row) for row in rows]
-
-
-def check_weight(weight: float) -> None:
-    """Raise InvalidValueError unless the weight of the simulation is within its limits."""
-    number = isinstance(weight, int | float) and not isinstance(weight, bool)
-    if not (number and 0 < weight <= MAX_WEIGHT):
-        raise InvalidValueError(
-            f'invalid prior weight {shown(weight)}: expected more than 0, at most {MAX_WEIGHT:g}'
-        )

@@ -22,9 +22,10 @@ from resting_aspects_ros.statistics.intervals import (
     CONFIDENCE,
     INTERVAL,
     Interval,
+    checkpoints,
     intervals,
+    is_precise,
     stopping_confidence,
-    stops,
 )
 from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
 
@@ -109,9 +110,15 @@ class Distribution:
         return intervals(counts, self.drops, self.interval, stopped)
 
     def stops(self, precision: float, drop_limit: int) -> bool:
-        """Return whether a run stops with these counts; see stopping."""
-        return stops(
-            self.counts, self.drops, precision, drop_limit, self.interval, self.confidence
+        """Return whether a run stops with these counts: at the limit, or at a precise checkpoint.
+
+        With a precision of 0 it stops only at the limit.
+        """
+        if self.drops >= drop_limit:
+            return True
+        at_checkpoint = precision > 0 and self.drops in checkpoints(drop_limit)
+        return at_checkpoint and is_precise(
+            self.counts, self.drops, precision, self.interval, self.confidence
         )
 
     def by_class(self) -> 'Distribution':

@@ -177,7 +177,7 @@ def find_drift(
     InvalidValueError
         If an argument is invalid.
     """
-    check_level(level)
+    check_number('level', level, MIN_LEVEL, MAX_LEVEL)
     check_confidence(confidence)
     simulated = check_simulated(simulated)
     check_windows(observed, window)
@@ -275,8 +275,8 @@ def parts_needed(
         If the simulated drops are too few to find the shift with any number of parts.
     """
     counts = check_simulated(simulated)
-    check_level(level)
-    check_shift(shift)
+    check_number('level', level, MIN_LEVEL, MAX_LEVEL)
+    check_number('shift', shift, MIN_SHIFT, MAX_SHIFT)
     check_number('power', power, MIN_POWER, MAX_POWER)
     drops = int(counts.sum())
     # Jeffreys' estimate also defines what becomes of the others if only one class was seen.
@@ -321,16 +321,6 @@ def check_windows(observed: ObservedCounts, window: int) -> None:
             f'invalid window {shown(window)}: expected an integer from 1 to {observed.parts}, the '
             'number of counted parts'
         )
-
-
-def check_level(level: float) -> None:
-    """Raise InvalidValueError unless the level is within the limits of the test."""
-    check_number('level', level, MIN_LEVEL, MAX_LEVEL)
-
-
-def check_shift(shift: float) -> None:
-    """Raise InvalidValueError unless the deviation is within the limits of the test."""
-    check_number('shift', shift, MIN_SHIFT, MAX_SHIFT)
 
 
 def check_simulated(simulated: Counts) -> Counts:

@@ -186,24 +186,6 @@ def stopping_confidence(confidence: float = CONFIDENCE) -> float:
     return 1 - ERROR_SHARE * (1 - confidence)
 
 
-def drops_for(
-    precision: float,
-    drop_limit: int,
-    aspects: int = 1,
-    method: str = INTERVAL,
-    confidence: float = CONFIDENCE,
-) -> int:
-    """Return the number of drops at which a run stops at the latest, for any counts.
-
-    Intervals are widest at a share of 1/2.
-    """
-    for drops in checkpoints(drop_limit):
-        widest = [drops // 2] + [0] * (aspects - 1)
-        if is_precise(widest, drops, precision, method, confidence):
-            return drops
-    return drop_limit
-
-
 def max_drops(
     drops: int,
     precision: float,
@@ -212,7 +194,7 @@ def max_drops(
     method: str = INTERVAL,
     confidence: float = CONFIDENCE,
 ) -> int:
-    """Return the maximum number of drops of a run.
+    """Return the maximum number of drops of a run, for any counts.
 
     Parameters
     ----------
@@ -225,7 +207,12 @@ def max_drops(
     """
     if precision == 0:
         return drops
-    return drops_for(precision, drops or limit, aspects, method, confidence)
+    for number in checkpoints(drops or limit):
+        # Intervals are widest at a share of 1/2.
+        widest = [number // 2] + [0] * (aspects - 1)
+        if is_precise(widest, number, precision, method, confidence):
+            return number
+    return drops or limit
 
 
 def is_precise(
@@ -242,21 +229,3 @@ def is_precise(
     check_precision(precision)
     lower, upper = bounds(counts, drops, method, stopping_confidence(confidence))
     return bool(np.all(upper - lower <= 2 * precision))
-
-
-def stops(
-    counts: npt.ArrayLike,
-    drops: int,
-    precision: float,
-    drop_limit: int,
-    method: str = INTERVAL,
-    confidence: float = CONFIDENCE,
-) -> bool:
-    """Return whether a run stops with these counts: at the limit, or at a precise checkpoint.
-
-    With a precision of 0 it stops only at the limit.
-    """
-    if drops >= drop_limit:
-        return True
-    at_checkpoint = precision > 0 and drops in checkpoints(drop_limit)
-    return at_checkpoint and is_precise(counts, drops, precision, method, confidence)

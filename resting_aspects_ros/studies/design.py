@@ -28,6 +28,7 @@ from resting_aspects_ros.simulation.conditions import (
     HeightOf,
     Quantity,
     Surfaces,
+    check_integer,
     check_name,
     described_kind,
     quantities_of,
@@ -42,10 +43,7 @@ from resting_aspects_ros.simulation.surroundings import (
     named_surroundings,
 )
 
-DESIGNS = {
-    'curves': 'from each base point of a scrambled Sobol sequence, one curve over each factor',
-    'factorial': 'all combinations of the levels of the factors',
-}
+DESIGNS = ('curves', 'factorial')
 DEFAULT_DESIGN = 'curves'
 # Base points; a power of two fills the space most evenly.
 DEFAULT_POINTS = 16
@@ -262,8 +260,8 @@ class Factor:
         'surroundings.angle' or 'action.speed'.
     low, high : float
         SI units; both are included.
-    levels : int
-        Number of values, if only some are used; 0: all values in between.
+    levels : int or None
+        Number of values, if only some are used; None: all values in between.
     logarithmic : bool
         Whether equal ratios instead of equal differences are equally far apart.
     unit, label : str
@@ -278,7 +276,7 @@ class Factor:
     name: str
     low: float
     high: float
-    levels: int = 0
+    levels: int | None = None
     logarithmic: bool = False
     unit: str = ''
     label: str = ''
@@ -294,10 +292,11 @@ class Factor:
                 f'invalid lowest value {self.low:g} of {self.name}: expected more than 0 for '
                 'logarithmic steps'
             )
-        if self.levels != 0 and not 2 <= self.levels <= MAX_LEVELS:
+        number = type(self.levels) is int and 2 <= self.levels <= MAX_LEVELS
+        if self.levels is not None and not number:
             raise InvalidValueError(
-                f'invalid number of levels {self.levels} of {self.name}: expected 2 to '
-                f'{MAX_LEVELS}'
+                f'invalid number of levels {shown(self.levels)} of {self.name}: expected 2 to '
+                f'{MAX_LEVELS}, or none for all values in between'
             )
 
     @property
@@ -387,17 +386,11 @@ def read_factor(name: str, given: Any, base: Setting) -> Factor:
         for end, each in (('low', given['low']), ('high', given['high']))
     )
     levels, logarithmic = given.get('levels'), given.get('logarithmic', False)
-    if type(levels) is int and not levels:
+    if type(logarithmic) is not bool:
         raise InvalidValueError(
-            f'invalid number of levels 0 of {name}: expected 2 to {MAX_LEVELS}, or none for all '
-            'values in between'
+            f'invalid range {shown(given)} of {name}: expected true or false for logarithmic'
         )
-    if not isinstance(levels, int | None) or levels is True or type(logarithmic) is not bool:
-        raise InvalidValueError(
-            f'invalid range {shown(given)} of {name}: expected an integer for levels, and true '
-            'or false for logarithmic'
-        )
-    return Factor(name, low, high, levels or 0, logarithmic, quantity.unit, quantity.label)
+    return Factor(name, low, high, levels, logarithmic, quantity.unit, quantity.label)
 
 
 def _range(name: str, text: str) -> dict[str, Any]:
@@ -471,10 +464,7 @@ def make_design(name: str, factors: Sequence[Factor], base_points: int, seed: in
         )
     if name == 'factorial':
         return factorial(factors)
-    if type(base_points) is not int or not 1 <= base_points <= MAX_POINTS:
-        raise InvalidValueError(
-            f'invalid number of points {shown(base_points)}: expected 1 to {MAX_POINTS}'
-        )
+    check_integer('number of points', base_points, 1, MAX_POINTS)
     return curves(factors, base_points, seed)
 
 
@@ -490,7 +480,12 @@ def curves(factors: Sequence[Factor], base_points: int, seed: int) -> Design:
     spans = [_levels(factor) for factor in factors]
     _check_count(base_points * sum(len(levels) for levels, _ in spans))
     base = on_levels(sobol(len(factors), base_points, seed), factors)
-    rows = [_line(point, k, levels) for point in base for k, (levels, _) in enumerate(spans)]
+    axes = np.arange(len(factors))
+    rows = [
+        np.where(axes == k, levels[:, None], point)
+        for point in base
+        for k, (levels, _) in enumerate(spans)
+    ]
     points, where = _unique(np.concatenate(rows))
     starts = np.cumsum([0, *map(len, rows)])
     each = [where[a:b] for a, b in itertools.pairwise(starts.tolist())]
@@ -499,7 +494,7 @@ def curves(factors: Sequence[Factor], base_points: int, seed: int) -> Design:
         # Base points with the same values of all other factors have the same line.
         _, first = np.unique(np.delete(base, k, axis=1), axis=0, return_index=True)
         own = np.array([each[b * len(factors) + k] for b in np.sort(first).tolist()])
-        others = [factor.levels for j, factor in enumerate(factors) if j != k]
+        others = [factor.levels or 0 for j, factor in enumerate(factors) if j != k]
         complete = all(others) and len(own) == math.prod(others)
         lines.append(Lines(own, levels, weights, complete))
     return Design(points, tuple(lines))
@@ -554,13 +549,6 @@ def _levels(factor: Factor) -> tuple[Array, Array]:
     if not factor.levels:
         return gauss_lobatto(CURVE_LEVELS)
     return np.linspace(0, 1, factor.levels), np.full(factor.levels, 1 / factor.levels)
-
-
-def _line(point: Array, k: int, levels: Array) -> Array:
-    """Return the points (l, d) of the line along factor k through a point."""
-    found = np.repeat(point[None], len(levels), axis=0)
-    found[:, k] = levels
-    return found
 
 
 def _unique(points: Array) -> tuple[Array, Indices]:

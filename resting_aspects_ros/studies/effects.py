@@ -446,11 +446,6 @@ class Finding:
     sentence: str
     details: str = ''
 
-    @property
-    def text(self) -> str:
-        """The sentence and the details."""
-        return f'{self.sentence} {self.details}'.rstrip()
-
 
 def findings_of(
     case: Case,

@@ -157,16 +157,6 @@ def best_points(points: Points, objective: Objective, budget: int, seed: int) ->
     return [first, *list(others)[:1]]
 
 
-def check_budget(budget: int, factors: int) -> None:
-    """Raise InvalidValueError if there are too few drops for the points of the search."""
-    check_drops(budget)
-    needed = 12 * first_points(factors) * MIN_DROPS
-    if budget < needed:
-        raise InvalidValueError(
-            f'invalid budget {budget}: expected at least {needed} drops for {factors} factors'
-        )
-
-
 def optimise(
     part: Part | str | Path,
     vary: Mapping[str, Any],
@@ -241,7 +231,11 @@ def optimise(
     check_factors(factors, base, [loaded])
     check_seed(seed)
     check_confidence(confidence)
-    check_budget(budget, len(factors))
+    check_drops(budget)
+    if budget < (needed := 12 * first_points(len(factors)) * MIN_DROPS):
+        raise InvalidValueError(
+            f'invalid budget {budget}: expected at least {needed} drops for {len(factors)} factors'
+        )
     with given_workers(workers) as pool:
         simulation = Simulation.of(loaded, pool)
         objective = make_objective(
@@ -380,8 +374,10 @@ class _Search:
 
 def _within(base: Setting, factors: Sequence[Factor]) -> Array | None:
     """Return the point (d,) of the user's conditions; None if they are outside the ranges."""
-    values = [base.value(factor.name) for factor in factors]
-    inside = [v is not None and f.low <= v <= f.high for f, v in zip(factors, values, strict=True)]
-    if not all(inside):
-        return None
-    return np.array([float(f.shares(np.array(v))) for f, v in zip(factors, values, strict=True)])
+    point = []
+    for factor in factors:
+        value = base.value(factor.name)
+        if value is None or not factor.low <= value <= factor.high:
+            return None
+        point.append(float(factor.shares(np.array(value))))
+    return np.array(point)

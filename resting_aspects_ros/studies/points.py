@@ -82,9 +82,9 @@ class Simulation:
     aspects: AspectSet
 
     @classmethod
-    def of(cls, part: Part, workers: Workers, landscape: Landscape | None = None) -> 'Simulation':
+    def of(cls, part: Part, workers: Workers) -> 'Simulation':
         """Return the simulation of a part; raises InvalidValueError if it has no aspect."""
-        landscape = Landscape(part) if landscape is None else landscape
+        landscape = Landscape(part)
         aspects = find_aspects(part, landscape)
         if not len(aspects):
             raise InvalidValueError(f'invalid part {part.name}: expected a part with an aspect')

@@ -178,7 +178,7 @@ class StudyFile(FileModel):
     surroundings: Any = None
     action: Any = None
     vary: dict[StrictStr, Any]
-    design: Literal[tuple(DESIGNS)] = DEFAULT_DESIGN  # type: ignore[valid-type]
+    design: Literal['curves', 'factorial'] = 'curves'
     points: StrictInt = DEFAULT_POINTS
     drops: StrictInt | None = None
     seed: StrictInt = DEFAULT_SEED

@@ -156,22 +156,6 @@ def checked_homography(homography: npt.ArrayLike, pixels: Array | None = None) -
     return np.asarray(found)
 
 
-def on_tray(homography: Array, pixels: Array) -> Array:
-    """Return the points (n, 2) of the tray at pixels (n, 2), m; see checked_homography.
-
-    Raises InvalidValueError if a pixel is beyond the horizon, or mirrored.
-    """
-    beyond = np.column_stack([pixels, np.ones(len(pixels))]) @ homography[2] <= 0
-    if beyond.all() and len(pixels):
-        raise InvalidValueError(MIRRORS)
-    if beyond.any():
-        raise InvalidValueError(
-            f'invalid pixel {shown(pixels[beyond][0].tolist())}: expected pixels that show the '
-            'tray, not beyond its horizon'
-        )
-    return mapped(homography, pixels)
-
-
 def mapped(homography: npt.ArrayLike, points: Array) -> Array:
     """Return the images (n, 2) of points (n, 2)."""
     images = np.column_stack([points, np.ones(len(points))]) @ np.asarray(homography).T
@@ -211,17 +195,22 @@ class Telecentric:
     def to_tray(self, pixels: npt.ArrayLike) -> Array:
         """Return the points (n, 2) of the surface, m, that are seen at pixels (n, 2).
 
-        Raises InvalidValueError if a pixel is beyond the horizon of the tray.
+        Raises InvalidValueError if a pixel is beyond the horizon of the tray, or mirrored.
         """
-        return on_tray(self.homography, checked_points('pixels', pixels))
+        given = checked_points('pixels', pixels)
+        beyond = np.column_stack([given, np.ones(len(given))]) @ self.homography[2] <= 0
+        if beyond.all() and len(given):
+            raise InvalidValueError(MIRRORS)
+        if beyond.any():
+            raise InvalidValueError(
+                f'invalid pixel {shown(given[beyond][0].tolist())}: expected pixels that show the '
+                'tray, not beyond its horizon'
+            )
+        return mapped(self.homography, given)
 
     def to_image(self, points: npt.ArrayLike) -> Array:
         """Return the pixels (n, 2) at which points (n, 2) of the surface, m, are seen."""
         return mapped(np.linalg.inv(self.homography), checked_points('points', points))
-
-    def projected(self, polygon: shapely.Polygon, height: float) -> shapely.Polygon:  # noqa: ARG002
-        """Return the outline of a part of a height from its image on the surface."""
-        return polygon
 
 
 @dataclass(frozen=True, eq=False)

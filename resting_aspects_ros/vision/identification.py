@@ -206,10 +206,11 @@ class SurfaceViews:
 
     def at(self, height: float) -> Shape:
         """Return the polygon as it is if the whole boundary is at a height, m."""
-        height = height if self._camera is not None else 0.0
+        if not isinstance(self._camera, Pinhole):
+            height = 0.0
         if height not in self._views:
             polygon = self._seen
-            if self._camera is not None:
+            if isinstance(self._camera, Pinhole):
                 polygon = self._camera.projected(polygon, height)
             self._views[height] = Shape(polygon)
         return self._views[height]

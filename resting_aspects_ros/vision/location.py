@@ -1,4 +1,4 @@
-"""The 6D poses of a part that a camera sees in an aspect at (x, y, yaw), and the inverse."""
+"""The 6D poses of a part that a camera sees in an aspect at (x, y, yaw)."""
 
 import math
 import sys
@@ -10,14 +10,13 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from resting_aspects_ros.arrays import Array
-from resting_aspects_ros.aspects.aspect_set import POSE_ANGLE, Aspect, AspectSet, Sweep
+from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet
 from resting_aspects_ros.aspects.symmetry import Symmetry
 from resting_aspects_ros.errors import InvalidValueError, shown
 from resting_aspects_ros.part.part import Part
 from resting_aspects_ros.rotations import (
     LENGTH_TOLERANCE,
     canonical,
-    down_in_part,
     rotation_between,
     turned_down,
 )
@@ -76,8 +75,6 @@ def vertical_order(symmetry: Symmetry | None, down: Array) -> int:
 # A turn of the outline comes from the part if a rotation of the part differs by less, rad, and by
 # less than this share of the step of the outline.
 SAME_TURN, SAME_SHARE = 0.05, 0.25
-# Minimum horizontal part of the axis of a rolling aspect that determines the yaw.
-MIN_ACROSS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,17 +95,6 @@ class Pose:
     position: Array
     orientation: Array
     yaw_known: bool = True
-
-
-@dataclass(frozen=True, eq=False)
-class CameraPose:
-    """An aspect and its pose as a camera sees it: (x, y) m, yaw rad in (-pi, pi]."""
-
-    aspect: int
-    symmetry_class: int
-    x: float
-    y: float
-    yaw: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,32 +209,12 @@ class Placement:
             self.yaw_known,
         )
 
-    def camera_pose(self, aspect: int, position: Array, orientation: Array) -> CameraPose:
-        """Return the camera pose of a 6D pose in an aspect of the class.
-
-        A rolled part has the yaw that remains after it is rolled back: the direction of its axis
-        if that is horizontal.
-        """
-        rotation = Rotation.from_quat(orientation).as_matrix()
-        start = self.members[self.outline.aspects.index(aspect)]
-        axis = self._aspect(aspect).axis
-        before, after = start @ axis, rotation @ axis
-        across = np.hypot(before[0], before[1])
-        if self._aspect(aspect).sweep in (Sweep.ARC, Sweep.RING) and across > MIN_ACROSS:
-            yaw = np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0])
-        else:
-            turn = rotation @ start.T
-            yaw = np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
-        x, y, _ = position + rotation @ self.part.centre_of_mass
-        number = self.outline.symmetry_class
-        return CameraPose(aspect, number, float(x), float(y), -_wrapped(-float(yaw)))
-
     def _aspect(self, number: int) -> Aspect:
         return self.aspects[number - 1]
 
 
 def checked_pose(
-    position: npt.ArrayLike, orientation: npt.ArrayLike, of: str = ''
+    position: npt.ArrayLike, orientation: npt.ArrayLike, of: str
 ) -> tuple[Array, Array]:
     """Return a position (3,), m, and a canonical quaternion (4,) xyzw; InvalidValueError.
 
@@ -264,40 +230,6 @@ def checked_pose(
             f'invalid orientation {shown(xyzw.tolist())}{of}: expected a unit quaternion xyzw'
         )
     return place, canonical(xyzw)
-
-
-def camera_pose(
-    placements: tuple[Placement, ...], position: Array, orientation: Array
-) -> CameraPose:
-    """Return the aspect and the camera pose of a part at rest: the inverse of Placement.poses.
-
-    Parameters
-    ----------
-    placements : tuple of Placement
-        One for each class of the part.
-    position : (3,) float
-        Position of the part frame in the tray frame, m.
-    orientation : (4,) float
-        Unit quaternion xyzw, tray from part.
-
-    Raises
-    ------
-    InvalidValueError
-        The pose is not finite, or in no aspect of the part (within 3 degrees).
-    """
-    position, unit = checked_pose(position, orientation)
-    ids, angle = placements[0].aspects.locate(down_in_part(unit)[None])
-    for each in placements:
-        if angle[0] <= POSE_ANGLE and ids[0] in each.outline.aspects:
-            return each.camera_pose(int(ids[0]), position, unit)
-    raise InvalidValueError(
-        f'invalid orientation {shown(unit.round(4).tolist())}: expected one in an aspect of '
-        f'{placements[0].part.name}; it is {np.degrees(angle[0]):.1f} degrees from aspect {ids[0]}'
-    )
-
-
-def _wrapped(angle: float) -> float:
-    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def _turn(yaw: float) -> Array:

@@ -13,7 +13,7 @@ import shapely
 
 from resting_aspects_ros.arrays import Array, Indices
 from resting_aspects_ros.aspects.aspect_set import Aspect, AspectSet, Sweep
-from resting_aspects_ros.aspects.symmetry import HIGHEST_ORDER, Symmetry
+from resting_aspects_ros.aspects.symmetry import HIGHEST_ORDER, Symmetry, cyclic_order
 from resting_aspects_ros.errors import PartError
 from resting_aspects_ros.part.hull import smallest_rectangle
 from resting_aspects_ros.part.part import Part
@@ -474,14 +474,7 @@ def _yaw_symmetry(boundary: Boundary) -> int:
     """Return the maximum order of rotation about the centroid, or 0 for a round outline."""
     if boundary.is_round():
         return 0
-    order = 1
-    for prime in range(2, HIGHEST_ORDER + 1):
-        if any(prime % smaller == 0 for smaller in range(2, prime)):
-            continue
-        power = prime
-        while power <= HIGHEST_ORDER and boundary.has_order(power):
-            power *= prime
-        order *= power // prime
+    order = cyclic_order(boundary.has_order)
     # A circle that is stretched by less than the tolerance has every order.
     return order if order <= HIGHEST_ORDER else 0
 

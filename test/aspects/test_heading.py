@@ -6,13 +6,8 @@ import shapely
 import trimesh
 
 from resting_aspects_ros.aspects.find import find_aspects, surface_moments
-from resting_aspects_ros.part.loading import part_from_bytes
 from resting_aspects_ros.system import parts_folder
 from resting_aspects_ros.vision.outline import find_outlines, seen_outline
-
-
-def loaded(mesh):
-    return part_from_bytes(mesh.export(file_type='stl'), 'stl', 'part')
 
 
 def notched_disc():
@@ -43,21 +38,21 @@ def likeness(one, other):
     [example('l_bracket'), example('t_prism'), notched_disc, gear],
     ids=['l_bracket', 't_prism', 'notched_disc', 'gear'],
 )
-def test_outline_is_that_of_a_rotated_file(make):
+def test_outline_is_that_of_a_rotated_file(solid, make):
     mesh = make()
     turned = mesh.copy()
     turned.apply_transform(trimesh.transformations.euler_matrix(0.3, 1.1, -2.0))
     turned.apply_translation([5, -40, 12])
     turned = turned.subdivide()
-    before, after = (find_outlines(p, find_aspects(p)) for p in (loaded(mesh), loaded(turned)))
+    before, after = (find_outlines(p, find_aspects(p)) for p in (solid(mesh), solid(turned)))
     for one, other in zip(before, after, strict=True):
         assert likeness(one.polygon, other.polygon) > 0.999
 
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['t_prism', 'hex_nut', 'tetrahedron'])
-def test_aspects_of_a_class_look_the_same_from_above(name):
-    part = loaded(example(name)())
+def test_aspects_of_a_class_look_the_same_from_above(solid, name):
+    part = solid(example(name)())
     aspects = find_aspects(part)
     for outline, members in zip(find_outlines(part, aspects), aspects.classes(), strict=True):
         for aspect in members:
@@ -65,16 +60,16 @@ def test_aspects_of_a_class_look_the_same_from_above(name):
 
 
 @pytest.mark.parametrize('sides', [(30, 20, 10), (20, 20, 10)])
-def test_long_side_is_along_x_and_a_square_along_the_axes(sides):
-    part = loaded(trimesh.creation.box(sides))
+def test_long_side_is_along_x_and_a_square_along_the_axes(solid, sides):
+    part = solid(trimesh.creation.box(sides))
     for aspect in find_aspects(part).aspects:
         x, y, _, _ = seen_outline(part, aspect.orientation).bounds
         assert x <= y + 1e-9
         assert seen_outline(part, aspect.orientation).area == pytest.approx(4 * x * y)
 
 
-def test_moments_of_a_box_are_exact():
+def test_moments_of_a_box_are_exact(solid):
     """A cube of side 2: mean of x^2 over its surface is (2 x 1 + 4 / 3) / 6."""
-    tensors = surface_moments(loaded(trimesh.creation.box([2, 2, 2]))).tensors
+    tensors = surface_moments(solid(trimesh.creation.box([2, 2, 2]))).tensors
     assert 3 * tensors[2][0, 0] == pytest.approx((2 + 4 / 3) / 6)
     assert 27 * tensors[6][0, 0, 0, 0, 0, 0] == pytest.approx((2 + 4 / 7) / 6)

@@ -4,25 +4,19 @@ import numpy as np
 import pytest
 from solids import directions
 
-from resting_aspects_ros.aspects.find import join_minima
 from resting_aspects_ros.aspects.landscape import Landscape
 
 SHAPES = [
     ('box', (10, 20, 30)),
-    ('box', (60, 50, 0.5)),
-    ('prism', (7,)),
-    ('prism', (16,)),
     ('icosphere', (2,)),
     ('filleted_box', ((10, 14, 20), 2, 4)),
     ('half_round_bar', (32,)),
     ('revolved', ([(10, 0), (0, 20)], 24)),
-    ('extruded', ([(0, 0), (30, 0), (0, 8)], 12)),
     ('extruded', ([(0, 0), (10, 0), (20, 10), (10, 10)], 7)),
     ('binom3', ()),
     ('random_sphere', (300, (1, 1, 2))),
-    ('random_cylinder', (300,)),
-    ('irregular', (2, 120)),
-    *[('blocks', (seed,)) for seed in range(2)],
+    ('uv_sphere', (20,)),
+    ('blocks', (1,)),
 ]
 
 
@@ -59,6 +53,8 @@ def test_minima_follow_morse_and_no_descent_ends_higher(solids, solid, name, arg
     assert (landscape.heights[found] <= support + slack).all()
     again = landscape.descend(landscape.directions)
     np.testing.assert_array_equal(again, np.arange(len(landscape.minima)))
+    assert landscape.basin_shares.min() > 0
+    assert landscape.basin_shares.sum() == pytest.approx(1, abs=1e-5)  # COPLANAR
 
 
 @pytest.mark.slow
@@ -90,23 +86,11 @@ def test_descent_from_critical_points_ends_beside_them(solids, solid):
     landscape = Landscape(solid(solids.box(10, 20, 30)))
     hull = landscape.hull
     heads = hull.points / np.linalg.norm(hull.points, axis=1, keepdims=True)
-    reached = landscape.directions[landscape.descend(heads)]
-    assert ((reached * heads).sum(axis=1) > 0).all()
     edges = hull.points[hull.ends].sum(axis=1)
     edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    reached = landscape.directions[landscape.descend(edges)]
-    assert ((reached * edges).sum(axis=1) > 0).all()
-
-
-def test_heights_of_minima_and_saddles_of_a_box(solids, solid):
-    landscape = Landscape(solid(solids.box(10, 20, 30)))
-    np.testing.assert_allclose(landscape.heights, np.repeat([5e-3, 10e-3, 15e-3], 2), rtol=1e-6)
-    expected = np.repeat(np.hypot([5, 5, 10], [10, 15, 15]) * 1e-3, 4)
-    np.testing.assert_allclose(landscape.saddles.heights, expected, rtol=1e-6)  # float32
-    assert maxima(landscape) == 8
-    for (a, b), height in zip(landscape.saddles.between, landscape.saddles.heights, strict=True):
-        # Pythagoras: the two facets beside it.
-        assert np.hypot(*landscape.heights[[a, b]]) == pytest.approx(height, rel=1e-6)
+    for down in (heads, edges):
+        reached = landscape.directions[landscape.descend(down)]
+        assert ((reached * down).sum(axis=1) > 0).all()
 
 
 @pytest.mark.parametrize('n', [3, 16])
@@ -121,15 +105,6 @@ def test_minima_and_saddles_of_a_prism_follow_its_outline(solids, solid, n):
 
 
 # -- Shares of basins, held to solid angles, to symmetry, and to counts of directions -------------
-
-
-@pytest.mark.parametrize('sides', [(10, 20, 30), (1, 2, 100)])
-def test_shares_of_a_box_are_the_solid_angles_of_its_faces(solids, solid, sides):
-    landscape = Landscape(solid(solids.turned(solids.box(*sides), solids.a_turn(1))))
-    h, a, b = np.array([np.roll(np.sort(sides), -k) for k in range(3)]).T / 2
-    solid_angle = 4 * np.arctan(a * b / (h * np.sqrt(a**2 + b**2 + h**2)))
-    expected = np.repeat(solid_angle / (4 * np.pi), 2)
-    np.testing.assert_allclose(landscape.basin_shares, expected, atol=1e-6)  # float32
 
 
 @pytest.mark.parametrize('thickness', [0.1, 3.0])
@@ -161,30 +136,10 @@ def test_shares_agree_with_random_descents(solids, solid, name, arguments):
     assert (np.abs(counts - n * p) < 5 * np.sqrt(n * p) + 5).all()
 
 
-@pytest.mark.quick_cases(2)
-@pytest.mark.parametrize(
-    ('name', 'arguments'),
-    [
-        ('filleted_box', ((10, 14, 20), 2, 6)),
-        ('random_sphere', (500, (1, 1, 2))),
-        ('random_cylinder', (500,)),
-        ('uv_sphere', (20,)),
-        # Around their pole triangles are so narrow that some are one facet, up to noise.
-        ('rounded_cylinder', (1, 20, 1, 64, 16)),
-    ],
-)
-def test_shares_are_positive_and_sum_to_one(solids, solid, name, arguments):
+@pytest.mark.parametrize(('name', 'arguments', 'tolerance'), [
+    # Some corners have no way down; around a pole, triangles are very narrow.
+    ('ellipsoid', (30, 20, 0.01, 4), 1e-3), ('rounded_cylinder', (1, 20, 1, 64, 16), 1e-5),
+])  # fmt: skip
+def test_facets_that_are_merged_as_noise_have_basins(solids, solid, name, arguments, tolerance):
     landscape = Landscape(solid(getattr(solids, name)(*arguments)))
-    assert landscape.basin_shares.min() > 0
-    assert landscape.basin_shares.sum() == pytest.approx(1, abs=1e-5)  # COPLANAR
-    joined = join_minima(landscape)
-    groups = np.concatenate([each for group in joined for each in (group.minima, group.drained)])
-    np.testing.assert_array_equal(np.sort(groups), np.arange(len(landscape.minima)))
-
-
-@pytest.mark.slow
-def test_a_lens_as_thin_as_the_noise_of_its_facets_has_basins(solids, solid):
-    """Facets are merged that fit each other up to COPLANAR: some corners have no way down."""
-    landscape = Landscape(solid(solids.ellipsoid(30, 20, 0.01, 4)))
-    assert landscape.heights[0] / landscape.radius == pytest.approx(0.01 / 30, abs=1e-5)
-    assert landscape.basin_shares.sum() == pytest.approx(1, abs=1e-3)
+    assert landscape.basin_shares.sum() == pytest.approx(1, abs=tolerance)

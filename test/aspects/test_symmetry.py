@@ -8,17 +8,7 @@ import solids
 import trimesh
 from scipy.spatial import KDTree
 from shapely.geometry import Polygon
-from trimesh.creation import (
-    box,
-    capsule,
-    cylinder,
-    extrude_polygon,
-    icosahedron,
-    icosphere,
-    revolve,
-    torus,
-    uv_sphere,
-)
+from trimesh.creation import box, cylinder, extrude_polygon, icosphere, revolve
 
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.symmetry import find_symmetry
@@ -50,19 +40,6 @@ def plate(outline, height, holes=(), depth=None):
 def around(mesh_radius, count, size, sides=24, phase=0.3):
     """Circles on a circle."""
     return [circle(size, sides, c) for c in circle(mesh_radius, count, phase=phase)]
-
-
-def pyramid(sides, height):
-    return hull([*np.column_stack([circle(1, sides), np.zeros(sides)]), (0, 0, height)])
-
-
-def twisted(angle, sides=3):
-    """Return a prism with its ends turned against each other: it has no mirror symmetry."""
-    ends = [
-        np.column_stack([circle(1, sides, phase=p), np.full(sides, z)])
-        for p, z in ((0, -0.6), (angle, 0.6))
-    ]
-    return hull(np.concatenate(ends))
 
 
 def cut_corner(size):
@@ -100,37 +77,26 @@ def uneven(radius, sides, centre=(0.0, 0.0), seed=0):
 
 FINITE = {
     'cube': (lambda: box((9, 9, 9)), 24),
-    'nearer_cube': (lambda: box((9, 9, 9 * 0.99)), 8),
     'cube_with_a_cut_corner': (lambda: cut_corner(0.1), 3),
-    'icosahedron': (icosahedron, 60),
+    'icosahedron': (trimesh.creation.icosahedron, 60),
     'nearly_round_ellipsoid': (lambda: solids.ellipsoid(10, 9.9, 9.8, 3), 4),
-    'twisted_prism': (lambda: twisted(0.35), 6),
     'irregular': (lambda: solids.irregular(3), 1),
     'disc_with_small_pocket': (lambda: plate(circle(10, 64), 5, around(5, 1, 0.2), 0.5), 1),
-    'disc_with_hole': (lambda: plate(circle(10, 64), 5, around(5, 1, 2)), 2),
     'disc_with_three_pockets': (lambda: plate(circle(10, 64), 5, around(5, 3, 2), 2), 3),
     'disc_with_eight_holes': (lambda: plate(circle(10, 90), 5, around(7, 8, 1)), 16),
     'ratchet': (lambda: solids.ratchet(20), 20),
     'prism_7': (lambda: plate(circle(10, 7), 11), 14),
-    'pyramid_4': (lambda: pyramid(4, 3), 4),
     'blunt_prism': (blunt_prism, 12),
 }
 AXIAL = {
-    'cylinder_16': (lambda: cylinder(10, 20, sections=16), 2),
     'disc_16': (lambda: cylinder(10, 2, sections=16), 2),
     'cylinder_of_like_moments': (lambda: cylinder(10, 20 * 0.9, sections=32), 2),
-    'frustum': (lambda: solids.revolved([(10, 0), (6, 10)], 16), 1),
-    'washer_16_20': (lambda: plate(circle(10, 16), 2, [circle(5, 20)]), 2),
     # So fine that the strips beside its top and bottom are rings, flat but for noise.
-    'ring_20_400': (lambda: torus(10, 3, major_sections=20, minor_sections=400), 2),
+    'ring_20_400': (lambda: trimesh.creation.torus(10, 3, 20, 400), 2),
     'cup': (lambda: plate(circle(10, 48), 12, [circle(7, 40)], 6), 1),
-    'capsule': (lambda: capsule(20, 8, count=(32, 32)), 2),
     'nearly_round_ellipsoid': (lambda: solids.ellipsoid(10, 10, 9.9, 3), 2),
 }
-SPHERES = {
-    'icosphere_80': lambda: icosphere(1, 10),
-    'uv_sphere_20_40': lambda: uv_sphere(10, (20, 40)),
-}
+SPHERES = {'ico': icosphere(1, 10), 'uv': trimesh.creation.uv_sphere(10, (20, 40))}
 
 
 def found(symmetry):
@@ -152,9 +118,8 @@ def assert_is_group(symmetry):
 def assert_maps_corners(part, rotations):
     """Each corner of the hull of a part comes to lie on a corner."""
     points = part.hull_vertices - part.centre_of_mass
-    for rotation in rotations:
-        apart, _ = KDTree(points).query(points @ rotation.T)
-        assert apart.max() < 1e-4 * part.hull_radius
+    apart, _ = KDTree(points).query(points @ rotations.transpose(0, 2, 1))
+    assert apart.max() < 1e-4 * part.hull_radius
 
 
 @pytest.mark.quick_cases(1)
@@ -191,14 +156,8 @@ def test_shaft_with_a_flat_is_no_body_of_revolution(solid):
 L_PROFILE = [(0, 0), (2, 0), (2, 0.4), (0.4, 0.4), (0.4, 1.2), (0, 1.2)]
 SLENDER = {
     'strip_1000': (lambda: box((1000, 1, 0.1)), 4, [1, 1, 2, 2]),
-    'square_bar': (lambda: box((1000, 1, 1)), 8, [1, 1, 1, 1]),
     'l_profile': (lambda: plate(L_PROFILE, 300), 1, [1, 2, 3]),
     'coarse_fillets': (lambda: solids.filleted_box((10, 10, 50), 3, 2), 8, [1, 1, 1, 1, 2, 2]),
-    'wide_fillets': (
-        lambda: solids.filleted_box((10, 10, 50), 4, 3),
-        8,
-        [1] * 4 + [2] * 8 + [3] * 4,
-    ),
 }
 
 
@@ -214,10 +173,16 @@ def test_sides_of_slender_parts_are_alike_only_if_they_are_equal(solid, name):
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', SPHERES)
 def test_ball_is_spherical_for_any_mesh(solid, name):
-    part = solid(SPHERES[name]())
-    symmetry = find_aspects(part).symmetry
-    assert found(symmetry) == ('spherical', 1)
-    np.testing.assert_array_equal(symmetry.rotations, [np.eye(3)])
+    assert found(find_aspects(solid(SPHERES[name])).symmetry) == ('spherical', 1)
+
+
+@pytest.mark.slow
+def test_group_is_found_without_flat_sides_as_landmarks(solid):
+    make, order = FINITE['cube_with_a_cut_corner']
+    part = solid(make())
+    symmetry = find_symmetry(part, NO_LANDMARKS)
+    assert found(symmetry) == ('finite', order)
+    assert_maps_corners(part, symmetry.rotations)
 
 
 @pytest.mark.parametrize(('name', 'order'), [
@@ -232,21 +197,6 @@ def test_groups_of_the_example_parts(part, name, order):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['cube_with_a_cut_corner', 'nearer_cube'])
-def test_group_is_exact_in_spite_of_rough_landmarks(solid, name):
-    make, order = FINITE[name]
-    part = solid(make())
-    exact = np.array([a.down_in_part for a in find_aspects(part).aspects])
-    rough = exact + 1e-3 * np.random.default_rng(1).uniform(-0.5, 0.5, exact.shape)
-    rough /= np.linalg.norm(rough, axis=1, keepdims=True)
-    symmetry = find_symmetry(part, rough)
-    assert found(symmetry) == ('finite', order)
-    assert_maps_corners(part, symmetry.rotations)
-    # The same without any.
-    assert found(find_symmetry(part, NO_LANDMARKS)) == ('finite', order)
-
-
-@pytest.mark.slow
 def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid):
     holes = [uneven(2, 30, c, seed) for seed, c in enumerate(circle(5, 3))]
     part = solid(plate(uneven(10, 64), 3, holes))
@@ -255,24 +205,12 @@ def test_the_vertices_of_round_faces_need_no_symmetry_of_their_own(solid):
     assert found(find_symmetry(part, NO_LANDMARKS)) == ('axial', 2)
 
 
-@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
-    ('centre', 'expected'),
-    [
-        ((0, 0, 0), ('axial', 2)),
-        ((0, 0, 3e-3), ('axial', 1)),
-        ((3e-3, 0, 0), ('finite', 2)),
-        ((3e-3, 0, 3e-3), ('finite', 1)),
-    ],
+    ('centre', 'expected'), [((0, 0, 3e-3), ('axial', 1)), ((3e-3, 0, 0), ('finite', 2))]
 )
 def test_group_preserves_the_given_centre_of_mass(solid, centre, expected):
     part = solid(cylinder(10, 20, sections=64), centre_of_mass=centre)
     assert found(find_aspects(part).symmetry) == expected
-
-
-def test_given_inertia_does_not_affect_the_group(solid):
-    part = solid(cylinder(10, 20, sections=64), mass=0.006, inertia=(3e-7, 0, 0, 4e-7, 0, 5e-7))
-    assert found(find_symmetry(part, NO_LANDMARKS)) == ('axial', 2)
 
 
 def test_a_mesh_that_is_not_closed_has_the_symmetry_of_its_surface(solid):

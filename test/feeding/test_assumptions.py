@@ -103,18 +103,18 @@ class Tray2D:
         return rate, batches.std(ddof=1) * math.sqrt(20) / seconds.sum()
 
 
+DISCS = [Footprint(0, 0, RADIUS)] * 3
+MODEL = FeederModel(DROP, TRANSITIONS, PICKABLE, DISCS, Tray((SIDE, SIDE), CLEARANCE), TIMES)
+
+
 @pytest.fixture(scope='module')
 def forecasts():
-    """The model of this tray, and its rate with each assumption broken."""
-    discs = [Footprint(0, 0, RADIUS)] * 3
-    tray = Tray((SIDE, SIDE), CLEARANCE)
-    mix = DROP / DROP.sum()
+    """The rate of this tray, and its rates with each assumption broken."""
     free, over = (
-        free_shares(tray, discs, mix, 1, NUMBER, separated=each).at(NUMBER)
+        free_shares(MODEL.tray, MODEL.footprints, DROP, 1, NUMBER, separated=each).at(NUMBER)
         for each in (True, False)
     )
-    model = FeederModel(DROP, TRANSITIONS, PICKABLE, discs, tray, TIMES)
-    return places_rate(model, NUMBER, free), broken_assumptions(model, NUMBER, free, over)
+    return places_rate(MODEL, NUMBER, free), broken_assumptions(MODEL, NUMBER, free, over)
 
 
 @pytest.mark.slow
@@ -137,8 +137,7 @@ def test_rate_is_that_of_single_parts_on_a_tray(forecasts, row, broken):
 
 @pytest.mark.slow
 def test_without_a_broken_assumption_the_rate_is_that_of_the_forecast(forecasts):
-    discs, tray = [Footprint(0, 0, RADIUS)] * 3, Tray((SIDE, SIDE), CLEARANCE)
-    found = forecast(FeederModel(DROP, TRANSITIONS, PICKABLE, discs, tray, TIMES), NUMBER)
+    found = forecast(MODEL, NUMBER)
     for each in found.broken:
         assert each.rate == pytest.approx(found.rate * (1 + each.change), rel=0.01)
     # The shares of free parts are found with two mixes.
@@ -146,12 +145,3 @@ def test_without_a_broken_assumption_the_rate_is_that_of_the_forecast(forecasts)
     low, high = found.wide
     assert low < found.lower
     assert high == found.upper
-
-
-@pytest.mark.slow
-def test_overlapping_discs_are_free_as_often_as_random_points():
-    """Without a border, parts at independent places are free with exp(-density x area)."""
-    disc, tray = [Footprint(0, 0, 0.002)], Tray((1.0, 1.0), 0.006)
-    found = free_shares(tray, disc, np.ones(1), 1, 200, separated=False)
-    area = math.pi * (0.004 + 0.006) ** 2
-    assert found.at(200)[0] == pytest.approx(math.exp(-199 * area), abs=0.01)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from feeders import density_run
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,29 +29,27 @@ NONE = SeenPart(1)
 
 def model_of(transitions, drop=(60, 40), times=TIMES, number=4, free=None, max_picks=None, **more):
     """Give a model in which class 2 is pickable; parts are always free unless given."""
-    count = 12
-    share = np.ones(count) if free is None else np.array(free)
+    share = np.ones(12) if free is None else np.array(free)
     feeder = FeederModel(
         np.array(drop), transitions, np.array([False, True]), [PART] * 2, TRAY, times, max_picks
     )
     return ControllerModel(feeder, FreeShares(np.tile(share, (2, 1)).T, False), number, **more)
 
 
-def falling(rate):
-    return np.exp(-rate * np.arange(12))
+FALLING = np.exp(-0.1 * np.arange(12))
 
 
 @pytest.fixture(scope='module')
 def model():
-    return model_of(MIXED, free=falling(0.1), spread=0.4)
+    return model_of(MIXED, free=FALLING, spread=0.4)
 
 
 def test_useless_flip_is_not_chosen():
     """A flip that changes no class leaves no way but to supply, or to spread blocked parts."""
-    still = model_of(np.diag([100, 100]), spread=0.8, free=falling(0.1))
+    still = model_of(np.diag([100, 100]), spread=0.8, free=FALLING)
     assert advise([NONE] * 4, still).choice is Choice.SUPPLY
     blocked = [SeenPart(2, BLOCKED)] * 4
-    turning = model_of(np.array([[50, 50], [100, 0]]), spread=0.8, free=falling(0.1))
+    turning = model_of(np.array([[50, 50], [100, 0]]), spread=0.8, free=FALLING)
     assert advise(blocked, turning).choice is Choice.SPREAD
 
 
@@ -66,11 +63,8 @@ def test_reason_names_what_excludes_the_parts(model):
 def test_empty_tray_is_supplied_up_to_the_best_number():
     advice = advise([], model_of(MIXED))
     assert (advice.choice, advice.supply) == (Choice.SUPPLY, 4)
-    assert set(advice.expected) == {Choice.SUPPLY}
     assert advise([], model_of(MIXED, max_supply=3)).supply == 3
-
-
-def test_controller_waits_only_without_parts_and_supply():
+    # The controller waits only without parts and supply.
     without = model_of(MIXED, max_supply=0)
     assert advise([], without).choice is Choice.WAIT
     assert advise([NONE], without).choice is Choice.FLIP
@@ -78,7 +72,7 @@ def test_controller_waits_only_without_parts_and_supply():
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.booleans(), st.floats(0, 1)), max_size=12))
 def test_something_is_done_and_only_valid_parts_are_picked(drawn):
-    found = model_of(MIXED, free=falling(0.1), spread=0.4, max_picks=3)
+    found = model_of(MIXED, free=FALLING, spread=0.4, max_picks=3)
     seen = [SeenPart(kind, math.inf if free else BLOCKED, p) for kind, free, p in drawn]
     advice = advise(seen, found)
     assert advice.choice is not Choice.WAIT
@@ -96,28 +90,6 @@ def test_part_that_is_hardly_recognised_is_not_picked(model):
     assert advise([SeenPart(2, score=0.45)], model).choice is not Choice.PICK
     strict = dataclasses.replace(model, min_score=0.95)
     assert advise([SeenPart(2, score=0.9)], strict).choice is not Choice.PICK
-
-
-@pytest.mark.slow
-def test_expected_rate_is_the_forecast_on_average(model):
-    """With the decisions of the forecast's cycle, the expected rates average to its rate."""
-    plain = dataclasses.replace(model, spread=None)
-    generator = np.random.default_rng(1)
-    found = []
-
-    def forecast_cycle(seen):
-        rest = [part for part in seen if not (part.symmetry_class == 2 and part.clearance > 0)]
-        advice = advise(seen, plain)
-        found.append(max(each.rate for each in advice.expected.values()))
-        action = Choice.FLIP if rest else Choice.SUPPLY
-        chosen = tuple(k for k, part in enumerate(seen) if part not in rest)
-        supply = plain.best_number - len(rest)
-        choice, then = (Choice.PICK, action) if chosen else (action, None)
-        return dataclasses.replace(advice, choice=choice, picks=chosen, then=then, supply=supply)
-
-    density_run(forecast_cycle, plain, 3000, generator)
-    error = np.std(found) / np.sqrt(len(found))
-    assert np.mean(found) == pytest.approx(60 * plain.values.rate, abs=5 * error)
 
 
 def combinations(rows):

@@ -11,13 +11,11 @@ from scipy.stats import binom, binomtest, chi2_contingency, chisquare, fisher_ex
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.statistics.comparison import (
     MAX_UNITS,
-    MIN_EXPECTED,
     TABLES,
     DropCounts,
     batch_scatter,
     compare,
     compare_with_exact,
-    g_statistic,
     p_of_one,
     p_of_two,
     p_of_window,
@@ -59,8 +57,6 @@ def test_comparison_calculated_by_hand():
     one = DropCounts(counts(50, 30, 20), 60, 30, 10)
     other = DropCounts(counts(80, 40, 80), 0, 50, 0)
     found = compare(one, other, generator())
-    np.testing.assert_allclose(found.first, [0.5, 0.3, 0.2])
-    np.testing.assert_allclose(found.second, [0.4, 0.2, 0.4])
     np.testing.assert_allclose(found.deviation, [0.1, 0.1, -0.2])
     assert found.total_variation == pytest.approx(0.2)
     assert found.mean_deviation == pytest.approx(0.4 / 3)
@@ -73,8 +69,6 @@ def test_comparison_calculated_by_hand():
 def test_comparison_with_exact_probabilities_by_hand():
     given, exact = [43, 138, 117, 31], np.array([1, 3, 3, 1]) / 8
     found = with_exact(given, exact)
-    assert found.largest_aspect == 2
-    assert found.largest_deviation == pytest.approx(138 / 329 - 0.375)
     assert found.p_value == pytest.approx(chisquare(given, 329 * exact).pvalue)
     for i, count in enumerate(given):
         # Clopper and Pearson's bounds, with a quarter of the error probability for each of four.
@@ -91,17 +85,9 @@ def test_deviations_satisfy_the_axioms_of_a_distance(pair, confidence):
     # The gain of one aspect is the loss of the others.
     assert abs(found.largest_deviation) <= found.total_variation + 1e-12
     assert_ordered(found.lower, found.deviation, found.upper)
-    back = compared(other, one, confidence)
-    np.testing.assert_allclose(back.deviation, -found.deviation)
-    np.testing.assert_allclose(back.lower, -found.upper)
-    assert back.total_variation == pytest.approx(found.total_variation)
-    shares = counts(*one) / counts(*one).sum()
-    from_exact = with_exact(other, shares, confidence)
+    np.testing.assert_allclose(compared(other, one, confidence).lower, -found.upper)
+    from_exact = with_exact(other, counts(*one) / counts(*one).sum(), confidence)
     assert_ordered(from_exact.lower, from_exact.deviation, from_exact.upper)
-    for itself in compared(one, one), with_exact(one, shares):
-        assert itself.total_variation == pytest.approx(0, abs=1e-15)
-        assert itself.p_value == pytest.approx(1)
-        assert_ordered(itself.lower - 1e-15, 0, itself.upper + 1e-15)
 
 
 @pytest.mark.parametrize(
@@ -109,7 +95,6 @@ def test_deviations_satisfy_the_axioms_of_a_distance(pair, confidence):
     # Newcombe 1998, Statistics in Medicine 17:873, table II, method 10.
     [
         ((56, 70), (48, 80), 0.0524, 0.3339),
-        ((6, 7), (2, 7), 0.0582, 0.8062),
         ((5, 56), (0, 29), -0.0381, 0.1926),
         ((10, 10), (0, 20), 0.6791, 1.0000),
     ],
@@ -121,23 +106,12 @@ def test_published_intervals_of_differences(one, other, lower, upper):
     assert [float(each[0]) for each in found] == pytest.approx([lower, upper], abs=5e-5)
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('first', 'second', 'drops'),
-    [
-        ([0.6, 0.3, 0.1], [0.5, 0.3, 0.2], (1000, 1000)),
-        ([0.5, 0.5], [0.4, 0.6], (300, 100_000)),
-        ([0.9985, *[1e-4] * 15], [0.9985, *[1e-4] * 15], (1000, 1000)),
-    ],
-)
-def test_bounds_of_all_deviations_hold_simultaneously(first, second, drops):
-    runs = 400
-    draw = np.random.default_rng(6)
-    held = 0
-    truth = np.array(first) - np.array(second)
+def test_bounds_of_all_deviations_hold_simultaneously():
+    first, second = np.array([0.6, 0.3, 0.1]), np.array([0.5, 0.3, 0.2])
+    truth, held = first - second, 0
+    runs, draw = 400, np.random.default_rng(6)
     for _ in range(runs):
-        one, other = (draw.multinomial(n, p) for n, p in zip(drops, (first, second), strict=True))
-        found = compared(one, other)
+        found = compared(draw.multinomial(1000, first), draw.multinomial(1000, second))
         held += bool(((found.lower <= truth) & (truth <= found.upper)).all())
     assert held / runs >= 0.95 - errors(4, runs)
 
@@ -146,13 +120,7 @@ def test_bounds_of_all_deviations_hold_simultaneously(first, second, drops):
     ('function', 'one', 'other', 'named'),
     [
         (compared, [0, 0], [1, 1], r'counts \[0, 0\] of the first'),
-        (compared, [1, 1], [2, -1], r'counts \[2, -1\] of the second'),
-        (
-            compared,
-            [1, 1],
-            [1, 1, 1],
-            'number of aspects 3 of the second',
-        ),
+        (compared, [1, 1], [1, 1, 1], 'number of aspects 3 of the second'),
         (with_exact, [5, 5], [1.0], 'number of aspects 1'),
     ],
 )
@@ -161,22 +129,10 @@ def test_what_cannot_be_compared_is_refused(function, one, other, named):
         function(one, other)
 
 
-@given(pairs)
-def test_homogeneity_of_many_drops_agrees_with_scipy(rows):
-    one, other = (counts(*row) for row in rows)
-    seen = one + other > 0
-    theirs = chi2_contingency([one[seen], other[seen]], correction=False)
-    if seen.sum() < 2 or theirs.expected_freq.min() < MIN_EXPECTED:
-        return
-    p, source = p_of_two(one, other, generator())
-    assert source == 'chi-square'
-    assert p == pytest.approx(theirs.pvalue, rel=1e-6, abs=1e-300)
-
-
 @pytest.mark.parametrize(
     ('one', 'other'),
     # The first is Fisher's lady tasting tea, the last of millions of drops with a rare aspect.
-    [((3, 1), (1, 3)), ((8, 2), (1, 5)), ((10, 0), (4, 5)), ((999_999, 1), (999_993, 7))],
+    [((3, 1), (1, 3)), ((10, 0), (4, 5)), ((999_999, 1), (999_993, 7))],
 )
 def test_homogeneity_of_few_drops_agrees_with_fishers_test(one, other):
     # Fisher orders tables by their probability. For these examples the selection is the same.
@@ -197,16 +153,6 @@ def test_fit_of_few_drops_agrees_with_the_sum_over_outcomes(count):
     assert p == pytest.approx(exact, abs=FIVE_ERRORS)
 
 
-@pytest.mark.parametrize('drops', [(40, 25), (1000, 1000)])
-def test_false_positive_rate_is_at_most_p(drops):
-    runs = 300
-    truth = [0.6, 0.3, 0.09, 0.01]
-    draw = np.random.default_rng(5)
-    p = [p_of_two(*(draw.multinomial(n, truth) for n in drops), draw)[0] for _ in range(runs)]
-    for level in (0.05, 0.2):
-        assert np.mean(np.array(p) <= level) <= level + errors(4, runs, level)
-
-
 def test_p_values_at_the_border():
     assert p_of_two(counts(500, 0), counts(0, 4), generator()) == (1 / (1 + TABLES), 'monte carlo')
     assert p_of_two(counts(3), counts(1000), generator())[0] == 1
@@ -217,19 +163,9 @@ def test_p_values_at_the_border():
     assert p_of_window(counts(95, 5), counts(10_000, 0), generator(), 0.01) < 0.01 / 50
 
 
-@given(pairs)
-def test_statistic_is_that_of_scipy(pair):
-    window, simulated = (counts(*each) for each in pair)
-    seen = window + simulated > 0
-    table = np.array([window, simulated])[:, seen]
-    theirs = chi2_contingency(table, correction=False, lambda_='log-likelihood').statistic
-    assert g_statistic(window, simulated) == pytest.approx(theirs, rel=1e-9, abs=1e-7)
-
-
-@pytest.mark.parametrize('window', [[110, 90, 70, 30], [140, 94, 50, 16]])
-def test_p_value_of_a_window_is_that_of_chi_square_or_fisher(window):
-    simulated = np.array([4000, 3000, 2200, 800])
-    found = p_of_window(np.array(window), simulated, generator(), 0.001)
+def test_p_value_of_a_window_is_that_of_chi_square_or_fisher():
+    window, simulated = np.array([140, 94, 50, 16]), np.array([4000, 3000, 2200, 800])
+    found = p_of_window(window, simulated, generator(), 0.001)
     theirs = chi2_contingency([window, simulated], lambda_='log-likelihood').pvalue
     # The relative standard error of the estimate is 10 %.
     assert found == pytest.approx(theirs, rel=0.4)
@@ -240,53 +176,21 @@ def test_p_value_of_a_window_is_that_of_chi_square_or_fisher(window):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
-    ('shares', 'drops', 'parts', 'level', 'cautious'),
-    [
-        (FIVE, 10_000, 400, 0.05, False),
-        (FIVE, 10_000, 400, 0.01, False),
-        ([0.5, 0.3, 0.2], 100, 500, 0.05, False),  # the window is larger than the simulation
-        # With rare classes or few parts, equal statistics are frequent, and the test is cautious.
-        ([0.97, 0.01, 0.01, 0.005, 0.005], 2000, 150, 0.05, True),
-        ([0.4, 0.3, 0.2, 0.1], 5000, 10, 0.05, True),
-    ],
+    ('shares', 'deviation', 'number', 'size'),
+    [(FIVE, 0.08, 4, 30), (FIVE, 0.0, 1, 600), (FIVE, 0.0, 60, 30), (TWO, 0.08, 60, 10)],
 )
-def test_false_rate_is_the_level(shares, drops, parts, level, cautious):
-    rng, repetitions = np.random.default_rng(5), 500
-    windows = rng.multinomial(parts, shares, size=repetitions)
-    simulated = rng.multinomial(drops, shares, size=repetitions)
-    p = [p_of_window(*pair, rng, level) for pair in zip(windows, simulated, strict=True)]
-    rate, error = np.mean(np.array(p) <= level), errors(3.3, repetitions, level)
-    assert rate <= level + error
-    assert cautious or rate >= level - error
-
-
-def alarm_rate(shares, deviation, number, repetitions, *, known=True, size=30):
-    """Return the share of runs whose last batches, at most 20, raise an alarm."""
-    rng = np.random.default_rng(5)
-    alarms = 0
+def test_alarm_rate_stays_at_its_level(shares, deviation, number, size):
+    rng, repetitions, alarms = np.random.default_rng(5), 400, 0
     for _ in range(repetitions):
         simulated = rng.multinomial(10_000, shares)
         found = batches(rng, shares, number, deviation, size)
-        scatter = batch_scatter(found) if known else None
-        alarms += p_of_window(found[-20:].sum(axis=0), simulated, rng, LEVEL, scatter) <= LEVEL
-    return alarms / repetitions
-
-
-def test_alarms_are_too_frequent_without_the_scatter():
-    assert alarm_rate(FIVE, 0.08, 20, 300, known=False) > LEVEL + errors(6, 300)
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(
-    ('shares', 'deviation', 'number', 'size'),
-    [(FIVE, 0.08, 4, 30), (FIVE, 0.0, 60, 30), (TWO, 0.08, 60, 10)],
-)
-def test_alarm_rate_stays_at_its_level(shares, deviation, number, size):
-    repetitions = 400
-    rate = alarm_rate(shares, deviation, number, repetitions, size=size)
+        window, scatter = found[-20:].sum(axis=0), batch_scatter(found)
+        alarms += p_of_window(window, simulated, rng, LEVEL, scatter) <= LEVEL
+    rate = alarms / repetitions
     assert rate <= LEVEL + errors(3, repetitions)
-    # With many batches the test is not needlessly cautious.
-    assert number < 60 or rate > LEVEL / 2 - errors(3, repetitions)
+    # With one batch the scatter is not known; with many the test is not needlessly cautious.
+    least = {1: LEVEL, 60: LEVEL / 2}.get(number, 0.0)
+    assert rate >= least - errors(3, repetitions)
 
 
 @pytest.mark.parametrize('deviation', [0.0, 0.08])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2, ncx2
 
 from resting_aspects_ros.errors import InvalidValueError
-from resting_aspects_ros.statistics.comparison import UNIT, DropCounts, batch_scatter, compare
+from resting_aspects_ros.statistics.comparison import DropCounts, batch_scatter, compare
 from resting_aspects_ros.statistics.counted_parts import ObservedCounts
 from resting_aspects_ros.statistics.drift import (
     MAX_SHIFT,
@@ -18,7 +18,7 @@ from resting_aspects_ros.statistics.drift import (
     parts_needed,
 )
 
-from .conftest import CONFIDENCES, COUNT, assert_ordered, batches, generator
+from .conftest import batches, generator
 
 SIMULATED = np.array([2700, 2800, 2400, 1300, 800])
 TWO = np.array([0.7, 0.3])
@@ -48,25 +48,6 @@ def test_power_is_reached_with_the_stated_number_of_parts():
     assert abs(alarms / repetitions - 0.8) <= tolerance
 
 
-@pytest.mark.slow
-def test_power_is_reached_if_batches_scatter():
-    # With a variance that is larger by a factor, that many times as many parts are needed.
-    rng, repetitions, level, deviation = np.random.default_rng(7), 100, 0.05, 0.08
-    factor = 1 + (UNIT - 1) * deviation**2 / np.mean(TWO * (1 - TWO))
-    parts = factor * parts_needed(np.array([7000, 3000]), 0.1, level)
-    last, alarms = round(parts / UNIT), 0
-    for _ in range(repetitions):
-        before = batches(rng, TWO, 200, deviation, UNIT)
-        after = batches(rng, np.array([0.6, 0.4]), last, deviation, UNIT)
-        rows = np.concatenate([before[: 200 // last * last], after])
-        simulated = rng.multinomial(10_000, TWO)
-        found = find_drift(observed(rows), simulated, last * UNIT, rng, level)
-        alarms += found.p_values[-1] <= level
-    # The second term is for the estimated scatter, and for whole batches.
-    tolerance = 3 * np.sqrt(0.8 * 0.2 / repetitions) + 0.03
-    assert abs(alarms / repetitions - 0.8) <= tolerance
-
-
 @given(st.floats(0.02, 0.2), st.sampled_from([0.01, 0.05]), st.sampled_from([0.8, 0.9]))
 def test_parts_needed_is_that_of_noncentral_chi_square(shift, level, power):
     # Exact shares of two classes: the noncentrality of n parts is n times that of one.
@@ -82,8 +63,6 @@ def test_parts_needed_refuses_few_drops_and_wrong_values():
         parts_needed(SIMULATED // 100, 0.05)
     with pytest.raises(InvalidValueError, match='invalid shift'):
         parts_needed(SIMULATED, MAX_SHIFT + 0.01)
-    with pytest.raises(InvalidValueError, match='invalid power'):
-        parts_needed(SIMULATED, power=1)
 
 
 def test_drift_lasts_from_the_change_to_the_end():
@@ -99,10 +78,8 @@ def test_drift_lasts_from_the_change_to_the_end():
 @pytest.mark.parametrize(
     ('alarms', 'windows', 'drifted'),
     [
-        ([], 5, range(0)),
         ([1, 2], 4, range(1, 4)),  # one window can miss the deviation
         ([1, 2], 5, range(1, 3)),
-        ([1, 3], 4, range(1, 4)),
         ([0, 1, 4], 5, range(4, 5)),  # two windows without an alarm separate them
     ],
 )
@@ -129,16 +106,6 @@ def test_bounds_are_those_of_a_comparison():
     expected = table.sum() * np.outer(rows, columns)
     residuals = (table - expected) / np.sqrt(expected * np.outer(1 - rows, 1 - columns))
     assert found.residual == pytest.approx(residuals[0, 1])
-    # Of two classes, whose residuals are the same, the first is named.
-    assert largest_deviation(np.array([30, 70]), np.array([500, 500])).index == 0
-
-
-@given(st.lists(st.tuples(COUNT, COUNT), min_size=2, max_size=6), CONFIDENCES)
-def test_bounds_of_a_deviation_contain_it(rows, confidence):
-    parts, simulated = np.minimum(np.transpose(rows), 10**6)
-    if parts.any() and simulated.any():
-        found = largest_deviation(parts, simulated, confidence)
-        assert_ordered(found.lower, found.difference, found.upper)
 
 
 def test_scatter_widens_the_interval():
@@ -154,10 +121,8 @@ def test_scatter_widens_the_interval():
     ('rows', 'simulated', 'options', 'message'),
     [
         ([[5]], [10], {}, 'expected those of two or more classes'),
-        ([[5, 5]], [0, 0], {}, 'not all 0'),
         ([[5, 5]], [5, 5], {'level': 0.3}, 'invalid level 0.3: expected 0.0001 to 0.25'),
         ([[5, 5]], [5, 5], {'window': 11}, 'invalid window 11: expected an integer from 1 to 10'),
-        ([[5, 5]], [5, 5], {'window': 2.5}, 'invalid window 2.5'),
     ],
 )
 def test_wrong_arguments_are_named(rows, simulated, options, message):

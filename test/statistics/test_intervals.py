@@ -14,7 +14,6 @@ from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.simulation.conditions import MAX_DROPS
 from resting_aspects_ros.statistics.intervals import (
     CHECKPOINT_STEP,
-    MAX_PRECISION,
     METHODS,
     MIN_PRECISION,
     bounds,
@@ -27,7 +26,6 @@ from resting_aspects_ros.statistics.intervals import (
 from .conftest import CONFIDENCES, COUNT
 
 counted = st.lists(st.integers(0, 10**6), min_size=1, max_size=20).filter(any)
-PRECISIONS = st.floats(MIN_PRECISION, MAX_PRECISION)
 methods = pytest.mark.parametrize('method', METHODS)
 
 
@@ -66,7 +64,7 @@ def test_interval_contains_the_share_and_grows_with_confidence(method, counts, r
     'wrong',
     [
         {'method': 'wald'},
-        *({'confidence': each} for each in (0.5, 1, True, '0.9', math.nan)),
+        *({'confidence': each} for each in (0.5, '0.9', math.nan)),
         *({'counts': each} for each in ([3, -1], [6, 5])),
     ],
     ids=str,
@@ -87,27 +85,12 @@ def test_checkpoints_grow_by_a_quarter_up_to_the_limit(drop_limit):
     assert found[0] == min(250, drop_limit)
 
 
-def test_precision_of_maximum_drops_and_first_checkpoint():
-    # A share of one half has the widest interval.
+def test_precision_of_maximum_drops():
+    # A share of one half has the widest interval. Simultaneous intervals are wider.
     half = [MAX_DROPS // 2] * 2
-    for confidence in (0.9, 0.95, 0.99):
-        assert is_precise(half, MAX_DROPS, MIN_PRECISION, 'wilson', confidence)
-        assert is_precise([125, 125], 250, 0.1, 'wilson', confidence)
-    # Simultaneous intervals are wider.
+    assert is_precise(half, MAX_DROPS, MIN_PRECISION, 'wilson', 0.99)
     assert is_precise([*half, *[0] * 6], MAX_DROPS, MIN_PRECISION, 'simultaneous')
     assert not is_precise([*half, *[0] * 7], MAX_DROPS, MIN_PRECISION, 'simultaneous')
-
-
-@methods
-@given(st.lists(st.integers(0, 3000), min_size=1, max_size=8), st.integers(1, 500), PRECISIONS)
-def test_precise_if_every_interval_is_narrow_enough(method, counts, rest, precision):
-    drops = sum(counts) + rest
-    error = 0.8 * 0.05 / (len(counts) if method == 'simultaneous' else 1)
-    theirs = 'exact' if method == 'simultaneous' else 'wilson'
-    found = [binomtest(c, drops).proportion_ci(1 - error, theirs) for c in counts]
-    widest = max(each.high - each.low for each in found) / 2
-    if abs(widest - precision) > 1e-9:
-        assert is_precise(counts, drops, precision, method) == (widest <= precision)
 
 
 def test_sample_size_of_goldberg():
@@ -117,19 +100,19 @@ def test_sample_size_of_goldberg():
     assert not is_precise([187, 188], 375, 0.05, 'wilson', 0.9375)
 
 
-def coverage_when_stopped(precision, confidence, shares):
-    """Return the exact coverage of the interval of one aspect in stopped runs, for each share.
+def test_coverage_of_stopped_runs_is_nominal():
+    """The exact coverage of the interval of one aspect in stopped runs, for many shares.
 
     The distribution of the counts is carried from checkpoint to checkpoint, without the counts at
     which a run stops. The aspect itself stops the run, which maximizes the effect of stopping.
     """
+    shares, before = np.linspace(0.01, 0.5, 99), 0
     alive = [np.ones(1) for _ in shares]
-    covered, drops_made = np.zeros(len(shares)), np.zeros(len(shares))
-    before = 0
+    covered, drops_made = np.zeros((2, len(shares)))
     for drops in checkpoints(MAX_DROPS):
         count = np.arange(drops + 1)
-        stops = np.array([is_precise([c], drops, precision, 'wilson', confidence) for c in count])
-        lower, upper = bounds(count[:, None], drops, 'wilson', stopping_confidence(confidence))
+        stops = np.array([is_precise([c], drops, 0.03, 'wilson', 0.95) for c in count])
+        lower, upper = bounds(count[:, None], drops, 'wilson', stopping_confidence(0.95))
         more = np.arange(drops - before + 1)
         for i, share in enumerate(shares):
             chance = np.convolve(alive[i], binom.pmf(more, more[-1], share))
@@ -139,64 +122,14 @@ def coverage_when_stopped(precision, confidence, shares):
             alive[i] = np.where(stops, 0, chance)
         before = drops
         if stops.all():
-            return covered[shares * drops_made >= 10]
-    raise AssertionError('no number of drops is enough')
+            break
+    frequent = covered[shares * drops_made >= 10]
+    assert frequent.min() > 0.944
+    assert np.quantile(frequent, 0.05) > 0.95
+    assert 0.955 < frequent.mean() < 0.965
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('precision', [0.05, 0.03])
-def test_coverage_of_stopped_runs_is_nominal(precision):
-    covered = coverage_when_stopped(precision, 0.95, np.linspace(0.01, 0.5, 99))
-    assert covered.min() > 0.944
-    assert np.quantile(covered, 0.05) > 0.95
-    assert 0.955 < covered.mean() < 0.965
-
-
-DISTRIBUTIONS = {
-    'three and a rest': [0.6, 0.2, 0.1],
-    'five, one rare': [0.6, 0.25, 0.1, 0.049, 0.001],
-    'twenty alike': [0.05] * 20,
-}
-
-
-def stopped_runs(runs, truth, precision, method):
-    """Return the counts and the drops of runs that are stopped when they are precise."""
-    generator = np.random.default_rng(8)
-    chances = [*truth, max(0.0, 1 - sum(truth))]
-    counts, drops = np.zeros((runs, len(truth)), dtype=np.int64), np.zeros(runs, dtype=np.int64)
-    for i in range(runs):
-        for n in checkpoints(MAX_DROPS):
-            counts[i] += generator.multinomial(n - drops[i], chances)[:-1]
-            drops[i] = n
-            if is_precise(counts[i], n, precision, method):
-                break
-    return counts, drops
-
-
-@pytest.mark.quick_cases(2)
-@methods
-@pytest.mark.parametrize('name', DISTRIBUTIONS)
-def test_stopped_runs_have_nominal_coverage_and_precision(name, method):
-    runs, truth = 500, np.array(DISTRIBUTIONS[name])
-    counts, drops = stopped_runs(runs, truth.tolist(), 0.02, method)
-    lower, upper = bounds(counts, drops, method, stopping_confidence())
-    assert (upper - lower).max() <= 0.04
-    assert (np.abs(counts / drops[:, None] - truth) < 0.02).all(axis=1).mean() > 0.7
-    hold = (lower <= truth) & (truth <= upper)
-    # Four standard errors of a share counted in these runs, for the worst of up to twenty.
-    tolerance = 4 * math.sqrt(0.95 * 0.05 / runs)
-    if method == 'simultaneous':
-        assert hold.all(axis=1).mean() >= 0.95 - tolerance
-    else:
-        assert hold.mean(axis=0).min() >= 0.95 - tolerance
-
-
-@pytest.mark.parametrize('precision', [0, 0.000999, 0.2501, math.nan, '0.01', True, None])
+@pytest.mark.parametrize('precision', [0.000999, 0.2501, math.nan, '0.01', True])
 def test_precision_outside_limits_is_refused(precision):
     with pytest.raises(InvalidValueError, match=f'invalid precision {precision!r}'):
         is_precise([5, 5], 10, precision)
-
-
-def test_drop_limit_below_one_is_refused():
-    with pytest.raises(InvalidValueError, match='invalid drop limit 0'):
-        checkpoints(0)

@@ -76,27 +76,6 @@ def test_long_run_is_the_mean_over_many_actions_after_a_drop(seed, loses):
     assert list(result.unreachable) == np.flatnonzero(parts == 0).tolist()
 
 
-# Reaching wanted aspects.
-
-
-@pytest.mark.parametrize(('n', 'up'), [(2, 0.5), (9, 0.5), (6, 0.3), (6, 0.8)])
-def test_random_walk_reaches_its_end_as_the_gamblers_ruin(n, up):
-    # Feller 1968, chapter XIV; the conditional duration of the symmetric walk is (n^2 - i^2) / 3.
-    rows = np.diag([up] * n, 1) + np.diag([1 - up] * n, -1)
-    rows[0], rows[n] = np.eye(n + 1)[[0, n]]
-    probability, actions = reach(rows, np.arange(n + 1) == n)
-    i = np.arange(1, n + 1)
-    if up == 0.5:
-        expected = i / n
-        assert actions[1:] == pytest.approx((n**2 - i**2) / 3, rel=1e-12)
-    else:
-        ratio = (1 - up) / up
-        expected = (1 - ratio**i) / (1 - ratio**n)
-    assert probability[1:] == pytest.approx(expected, rel=1e-12)
-    assert probability[0] == 0
-    assert math.isnan(actions[0])
-
-
 @given(seeds)
 def test_reach_is_the_series_over_the_number_of_actions(seed):
     rows, _, _ = chain(seed)
@@ -155,28 +134,6 @@ def fractions_solution(matrix, right):
     return [row[-1] for row in rows]
 
 
-# Bounds of the long-run shares.
-
-
-@pytest.mark.slow
-def test_bounds_hold_as_often_as_stated_if_the_prior_is_true():
-    # Quantiles of a posterior contain a truth drawn from the prior with exactly their probability
-    # (Cook, Gelman, Rubin 2006), which leaves out only the error of quantiles of 300 samples: at
-    # most 2 / 301. The prior of six columns is Dirichlet(1/6, ...); with two aspects the
-    # long-run shares are a ratio.
-    generator = np.random.default_rng(11)
-    drop = np.array([0.3, 0.6])
-    runs, held = 600, 0
-    for _ in range(runs):
-        truth = generator.dirichlet([1 / 6] * 6, size=2)
-        left = truth[:, 2:].sum(axis=1)
-        up, down = truth[0, 1] + left[0] * 2 / 3, truth[1, 0] + left[1] / 3
-        counts = np.array([generator.multinomial(50, row) for row in truth])
-        lower, upper = long_run_bounds(counts, drop, 0.9, generator, samples=300)
-        held += lower[0] <= down / (up + down) <= upper[0]
-    assert held / runs == pytest.approx(0.9, abs=5 * math.sqrt(0.9 * 0.1 / runs) + 0.0067)
-
-
 def test_bounds_of_two_aspects_are_quantiles_of_beta_distributions():
     # With a drop only into the first aspect, and the second one leading only there, all columns
     # but one lead from 2 to 1: the long-run odds are a beta variate over another one.
@@ -191,14 +148,6 @@ def test_bounds_of_two_aspects_are_quantiles_of_beta_distributions():
     error = 5 * math.sqrt(0.05 * 0.95 / 20_000) / 0.103 * np.ptp(expected) / 3.29
     assert [lower[0], upper[0]] == pytest.approx(expected, abs=error)
     assert [upper[1], lower[1]] == pytest.approx(1 - expected, abs=error)
-
-
-def test_transitions_that_were_never_seen_are_possible():
-    # No part moved in 1000 actions: the shares are those of a drop, but nearly unknown.
-    counts = np.hstack([1000 * np.eye(3, dtype=np.int64), np.zeros((3, 4), dtype=np.int64)])
-    lower, upper = long_run_bounds(counts, np.ones(3) / 3, 0.95, generator())
-    assert (lower < 0.01).all()
-    assert (upper > 0.9).all()
 
 
 def test_samples_that_round_to_zero_do_not_break_the_bounds():
@@ -218,14 +167,10 @@ def test_bounds_of_long_run_shares_contain_them(k, data, confidence):
     assert_ordered(lower, long_run(share[:, :k], share[:, k], drop).shares, upper)
 
 
-# Invalid chains.
-
-
 @pytest.mark.parametrize(
     ('rows', 'left', 'drop', 'named'),
     [
         ([[0.5, 0.4], [0, 1]], [0.1, 0], [0, 0], 'drop probabilities'),
-        ([[0.5, 0.4], [0, 1]], [0.1, 0], [0.5, math.nan], 'drop probabilities'),
         ([[1, 0], [math.nan, math.nan]], [0, math.nan], [1, 0], 'row 2 of'),
         ([[0.5, 0.25], [0, 1]], [0, 0], [1, 0], 'row 1 of'),
     ],
@@ -238,26 +183,18 @@ def test_invalid_chain_is_refused(rows, left, drop, named):
 
 @pytest.mark.parametrize('row', [[math.nan, 0.5], [0.75, 0.5], [1.5, -0.5]])
 def test_reach_and_plan_refuse_invalid_rows_and_times(row):
-    rows, wanted = np.array([row, [0, 1]]), np.array([False, True])
-    with pytest.raises(InvalidValueError, match='row 1 of'):
-        reach(rows, wanted)
-    with pytest.raises(InvalidValueError, match='row 1 of'):
-        best_plan(np.array([np.eye(2), rows]), np.array([1.0, 1.0]), wanted)
-    for time in (0.0, math.nan):
-        with pytest.raises(InvalidValueError, match='invalid times'):
-            best_plan(np.eye(2)[None], np.array([time]), wanted)
+    rows, wanted, times = np.array([row, [0, 1]]), np.array([False, True]), np.ones(1)
+    for function in (lambda: reach(rows, wanted), lambda: best_plan(rows[None], times, wanted)):
+        with pytest.raises(InvalidValueError, match='row 1 of'):
+            function()
+    with pytest.raises(InvalidValueError, match='invalid times'):
+        best_plan(np.eye(2)[None], 0 * times, wanted)
 
 
-def test_bounds_refuse_an_invalid_confidence():
-    with pytest.raises(InvalidValueError, match='invalid confidence'):
-        long_run_bounds(np.ones((2, 6), dtype=np.int64), np.ones(2), 0.5, generator())
-
-
-def random_case(seed, max_actions=3, max_aspects=5):
+def random_case(seed):
     """Return transitions with many zeros, so that there are traps, times and wanted aspects."""
     generator = np.random.default_rng(seed)
-    a = int(generator.integers(1, max_actions + 1))
-    k = int(generator.integers(1, max_aspects + 1))
+    a, k = int(generator.integers(1, 4)), int(generator.integers(1, 6))
     rows = generator.random((a, k, k)) * (generator.random((a, k, k)) < 0.35)
     action, start = np.nonzero(rows.sum(axis=2) == 0)
     rows[action, start, generator.integers(k, size=len(start))] = 1.0
@@ -291,18 +228,10 @@ def test_plan_is_the_best_of_all_stationary_policies(seed):
     every = [time_of_policy(rows, times, wanted, np.array(each)) for each in policies]
     plan = best_plan(rows, times, wanted)
     assert plan.time == pytest.approx(np.min(every, axis=0), rel=1e-9)
-
-
-@given(seeds)
-def test_actions_of_the_plan_take_its_time(seed):
-    rows, times, wanted = random_case(seed, max_actions=6, max_aspects=12)
-    plan = best_plan(rows, times, wanted)
+    # Its actions take this time.
     free = plan.action >= 0
     assert free.tolist() == (np.isfinite(plan.time) & ~wanted).tolist()
-    assert (plan.action < len(times)).all()
-    assert (plan.time[wanted] == 0).all()
-    policy = np.where(free, plan.action, 0)
-    time = time_of_policy(rows, times, wanted, policy)
+    time = time_of_policy(rows, times, wanted, np.where(free, plan.action, 0))
     assert time[free] == pytest.approx(plan.time[free], rel=1e-9)
 
 

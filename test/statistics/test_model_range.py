@@ -72,10 +72,10 @@ def test_with_many_drops_the_range_is_normal_on_the_log_odds():
 
 
 def test_discrepancy_is_that_at_one_half_and_larger_for_rare_outcomes():
-    assert discrepancy(0.5, 0.25) == 0.25
-    # (4 x 0.02 x 0.98)^-1/4
-    assert discrepancy(0.02, 0.25) == pytest.approx(0.25 * 1.8900, rel=1e-3)
-    assert discrepancy(0.98, 0.25) == pytest.approx(discrepancy(0.02, 0.25))
+    # (4 x 0.02 x 0.98)^-1/4 = 1.89
+    assert discrepancy([0.5, 0.02, 0.98], 0.25) == pytest.approx(
+        [0.25, 0.25 * 1.89, 0.25 * 1.89], rel=1e-3
+    )
 
 
 @pytest.mark.parametrize('middle', [-3.5, 0.3])
@@ -105,11 +105,8 @@ def test_ranges_contain_the_intervals_and_add_the_aspects_of_a_class(aspects):
     alike = with_model_range(few).by_class()
     for each, model in zip(alike.intervals(), alike.model_intervals(), strict=True):
         assert model.lower <= each.lower <= each.upper <= model.upper
-    classes = found.by_class()
-    assert len(classes.model_intervals()) == 3
-    (low, high), n = model_bounds(np.array([610]), 1000, np.zeros(1), 0.95)[0], 0.61
-    first = classes.model_intervals()[0]
-    assert (first.lower, first.probability, first.upper) == pytest.approx((low, n, high))
+    first, *_ = found.by_class().model_intervals()
+    assert [first.lower, first.upper] == pytest.approx(model_bounds([610], 1000, 0.0, 0.95)[0])
 
 
 def test_range_is_about_the_draws_or_about_the_distribution(aspects):
@@ -118,7 +115,6 @@ def test_range_is_about_the_draws_or_about_the_distribution(aspects):
     ids = np.tile([1, 1, 1, 2, 3], (8, 100))
     made = (Draws(ids, ('friction',), about) for about in (True, False))
     about, alone = (with_model_range(given, draws) for draws in made)
-    assert about.model.uncertain == ('friction',)
     assert about.model.by_class[0, 0] < alone.model.by_class[0, 0]
     # Never seen: what was not observed can be impossible, and the draws have it.
     assert alone.model.by_aspect[2, 0] == 0
@@ -136,11 +132,7 @@ def test_range_of_several_aspects_together(aspects):
     ranged = with_model_range(given, Draws(ids, ('friction',)))
     one, both = (combined_range(ranged, each) for each in ((1,), (1, 2)))
     assert both.upper - both.lower < 0.5 * (one.upper - one.lower)
-    # They differ from the range of conditions that are exact by sampling alone.
-    exact = combined_range(with_model_range(given), (1, 2))
-    assert (both.lower, both.upper) == pytest.approx((exact.lower, exact.upper), abs=0.01)
     class_range = ranged.by_class().model_intervals()[0]
     assert combined_range(ranged, [a.id for a in aspects.classes()[0]]) == class_range
     known = dataclasses.replace(ranged.model, draws=None)
     assert combined_range(dataclasses.replace(ranged, model=known), (1, 2)) is None
-    assert combined_range(given, (1, 2)) is None

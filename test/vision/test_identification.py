@@ -11,21 +11,12 @@ from shapely import affinity
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.vision.boundary import placed as moved
 from resting_aspects_ros.vision.fitting import OutlineNoise, mirrored
-from resting_aspects_ros.vision.identification import identify, observed_polygon
+from resting_aspects_ros.vision.identification import identify
 from resting_aspects_ros.vision.outline import look_alikes
 
 # Random poses of each class.
 POSES = 12
 NAMES = ('angle_45x30x8', 'hex_nut', 'l_bracket', 'u_bracket', 'washer')
-
-
-def noisy(polygon, sd, generator, step=1e-3):
-    """Return a polygon whose points, 1 mm apart, are moved by independent errors."""
-    rings = [
-        shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygon.segmentize(step))
-    ]
-    outer, *holes = [ring + generator.normal(0, sd, ring.shape) for ring in rings]
-    return shapely.Polygon(outer, holes)
 
 
 def touching(one, other):
@@ -62,8 +53,8 @@ def test_class_and_camera_pose_are_found(known, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['angle_45x30x8', 'u_bracket', 'washer'])
-def test_confusion_of_many_noisy_images_is_diagonal(known, name):
-    """Errors of 0.1 to 0.3 mm at points 1 mm apart; position within five standard errors."""
+def test_confusion_of_many_noisy_images_is_diagonal(known, noisy, name):
+    """Errors of 0.1 to 0.3 mm, independent after 1 mm; position within five standard errors."""
     generator = np.random.default_rng(3)
     candidate = known(name)
     alike = look_alikes(candidate.outlines)
@@ -74,14 +65,13 @@ def test_confusion_of_many_noisy_images_is_diagonal(known, name):
             x, y, yaw = generator.uniform(-0.1, 0.1), generator.uniform(-0.1, 0.1), 3.0
             polygon = moved(outline.polygon, x, y, yaw * generator.uniform(-1, 1))
             sd = generator.uniform(1e-4, 3e-4)
-            seen = observed_polygon(noisy(polygon, sd, generator))
-            best = identify(seen, [candidate], OutlineNoise(sd)).best
+            best = identify(noisy(polygon, sd, generator), [candidate], OutlineNoise(sd)).best
             if best is None or best.symmetry_class not in {outline.symmetry_class, *same}:
                 wrong += 1
             elif best.symmetry_class == outline.symmetry_class:
                 back = moved(outline.polygon, best.x, best.y, best.yaw).centroid
                 off.append(back.distance(polygon.centroid) / sd)
-        # The points along half the shorter side fix the position across it.
+        # The independent errors along half the shorter side fix the position across it.
         count = 1e3 * outline.width
         assert wrong <= binom.ppf(0.9999, POSES, 0.01)
         # A class that another one with the same outline always precedes has no positions.

@@ -9,7 +9,6 @@ from shapely.affinity import rotate, scale, translate
 
 from resting_aspects_ros.vision.boundary import common_area
 from resting_aspects_ros.vision.fitting import (
-    MAX_YAWS,
     SAMPLES,
     Shape,
     best_overlap,
@@ -29,7 +28,6 @@ POLYGONS = {
     'l': (shapely.Polygon([(0, 0), (30, 0), (30, 8), (8, 8), (8, 18), (0, 18)]), 1),
     'rectangle': (shapely.box(3, 5, 33, 17), 2),
     'needle': (shapely.box(0, 0, 100, 3), 2),
-    'hexagon': (shapely.Polygon(circle(6)), 6),
     'disc_with_hole': (shapely.Polygon(circle(64), [circle(24, 2.0, (4, 0))]), 1),
     'gear': (shapely.Polygon(circle(48) * np.tile([[0.8], [1], [1], [0.8]], (12, 1))), 12),
 }
@@ -40,11 +38,11 @@ def placed(polygon, yaw, x, y):
     return translate(rotate(polygon, np.degrees(yaw), origin=(0, 0)), x, y)
 
 
-def fits(model, seen, order=1):
-    return fit(Shape(model), Shape(seen), order)
+def fits(model, seen):
+    return fit(Shape(model), Shape(seen))
 
 
-def off(yaw, expected, order=1):
+def off(yaw, expected, order):
     """Distance of angles modulo the symmetry, degrees."""
     return abs(np.degrees(np.angle(np.exp(1j * order * (yaw - expected))))) / order
 
@@ -65,17 +63,6 @@ def test_pose_is_recovered_modulo_the_symmetry(name, yaw, x, y):
     assert off(best.yaw, yaw, order) < 0.2
     assert best.overlap(polygon, seen) > 0.995
     assert best.largest < 1e-4
-    again = placed(polygon, best.yaw, best.x, best.y)
-    assert overlap(again, seen) == pytest.approx(best.overlap(polygon, seen), abs=1e-6)
-
-
-@pytest.mark.parametrize('name', ['rectangle', 'hexagon', 'gear'])
-def test_yaws_of_a_symmetric_outline_are_returned(name):
-    polygon, order = POLYGONS[name]
-    found = fits(polygon, placed(polygon, 0.2, 5, 7))
-    assert len(found) == min(order, MAX_YAWS)
-    assert max(off(each.yaw, 0.2, order) for each in found) < 0.1
-    assert len(fits(polygon, placed(polygon, 0.2, 5, 7), order)) == 1
 
 
 def test_overlap_and_distance_of_concentric_shapes():
@@ -132,11 +119,6 @@ def test_overlaps_of_a_box_in_closed_form(known):
     assert pairs[1, 2].overlap == pytest.approx(1 / 2, abs=2e-3)
     assert pairs[1, 3].overlap == pytest.approx(1 / 3, abs=2e-3)
     assert pairs[2, 3].overlap == pytest.approx(2 / 3, abs=2e-3)
-
-
-def test_squares_that_touch_have_nothing_in_common():
-    square = shapely.box(0, 0, 0.01, 0.01)
-    assert common_area(square, translate(square, 0.01, 0)) == 0
 
 
 @given(sides=st.integers(3, 8), yaw=st.floats(-3, 3), power=st.floats(-19, -10))

@@ -1,6 +1,5 @@
-"""The union of many triangles from samples, against exact unions of Shapely and Manifold."""
+"""The union of many triangles from samples, against exact unions of Shapely."""
 
-import manifold3d
 import numpy as np
 import pytest
 import shapely
@@ -66,25 +65,14 @@ def test_sides_between_samples_and_on_lines_are_exact(shapes):
     assert shapely.distance(found.boundary, middles).max() < 1e-12
 
 
-def test_noisy_walls_are_those_of_manifold():
+def test_noisy_walls_are_those_of_shapely():
     """The walls of a scan are stacks of triangles that overlap at random."""
     ring = trimesh.creation.annulus(5, 10, 8, sections=32)
-    for _ in range(3):
+    for _ in range(2):
         ring = ring.subdivide()
-    generator = np.random.default_rng(1)
-    vertices = ring.vertices + generator.normal(0, 0.02, ring.vertices.shape)
-    vertices = Rotation.from_euler('xyz', [0.3, 0.2, 0.1]).apply(vertices) / 10
-    mesh = manifold3d.Mesh(np.float32(vertices), np.uint32(ring.faces))
-    solid = manifold3d.Manifold(mesh)
-    exact = solid.project()
-    shapes = [shapely.Polygon(points) for points in exact.to_polygons()]
-    outer = max(shapes, key=lambda shape: shape.area)
-    exact = outer.difference(shapely.union_all([s for s in shapes if s is not outer]))
-    found = sampled_union(vertices[:, :2], upward(vertices, ring.faces), STEP)
-    assert_same(found, exact)
+    noise = np.random.default_rng(1).normal(0, 0.02, ring.vertices.shape)
+    ring.vertices = Rotation.from_euler('xyz', [0.3, 0.2, 0.1]).apply(ring.vertices + noise) / 10
+    plane, faces = ring.vertices[:, :2], ring.faces[ring.face_normals[:, 2] > 0]
+    found = sampled_union(plane, faces, STEP)
+    assert_same(found, shapely.union_all(shapely.polygons(plane[faces]), grid_size=1e-9))
     assert len(found.interiors) == 1
-
-
-def upward(vertices, faces):
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    return faces[np.cross(b - a, c - a)[:, 2] > 0]

@@ -17,12 +17,13 @@ from resting_aspects_ros.api.result import Result
 from resting_aspects_ros.api.runner import DropProgress, Progress, given_workers, never
 from resting_aspects_ros.arrays import Array, Counts
 from resting_aspects_ros.aspects.landscape import Landscape
-from resting_aspects_ros.errors import InvalidValueError, StoppedError, shown
+from resting_aspects_ros.errors import InvalidValueError, StoppedError
 from resting_aspects_ros.report.figure import TEXT, new_figure, plain_axes
 from resting_aspects_ros.simulation.conditions import (
     DEFAULT_SEED,
     QUANTITIES,
     DropConditions,
+    check_integer,
     check_seed,
 )
 from resting_aspects_ros.simulation.workers import Workers
@@ -143,9 +144,9 @@ def calibrate(
     """
     check_seed(seed)
     if points is not None:
-        _check_number('points', points, MIN_POINTS, MAX_POINTS)
+        check_integer('points', points, MIN_POINTS, MAX_POINTS)
     if drops is not None:
-        _check_number('drops', drops, 1, 1_000_000)
+        check_integer('drops', drops, 1, 1_000_000)
     given = given_counts(counts)
     count = points or POINTS_PER_FACTOR * len(given.factors)
     per_point = [drops or min(max(each.drops, MIN_DROPS), MAX_DROPS) for each in given.parts]
@@ -180,13 +181,6 @@ def given_counts(counts: str | Path | Mapping[str, Any]) -> SurfaceCounts:
     if isinstance(counts, Mapping):
         return make_surface_counts(counts, Path())
     return read_surface_counts(Path(counts))
-
-
-def _check_number(name: str, value: Any, low: int, high: int) -> None:
-    if type(value) is not int or not low <= value <= high:
-        raise InvalidValueError(
-            f'invalid {name} {shown(value)}: expected an integer from {low} to {high}'
-        )
 
 
 @dataclass(eq=False)
@@ -419,14 +413,27 @@ def _share_table(result: CalibrationResult) -> Iterator[str]:
 
 def statements(result: CalibrationResult) -> list[str]:
     """Return what the counts say, and what they do not determine, one sentence each."""
-    return [
+    found = [
         *_on_agreement(result),
         *(_on_estimate(each) for each in result.estimates),
         *_on_ends(result.estimates),
         *_on_trade_offs(result),
-        *_on_left_out(result),
-        *_on_simulation(result),
     ]
+    if result.left_out:
+        inside = sum(each.inside for each in result.left_out)
+        found.append(
+            f'Parts that were left out are predicted with a mean absolute deviation of '
+            f'{100 * result.left_out_deviation:.1f} points; {inside} of {len(result.left_out)} '
+            'are within their 90 % intervals.'
+        )
+    if result.fit.checked is None:
+        found.append('The most probable conditions were not checked by drops.')
+    else:
+        found.append(
+            'Drops at the most probable conditions deviate from the interpolated shares by at '
+            f'most {100 * result.check_deviation:.1f} points.'
+        )
+    return found
 
 
 def _on_agreement(result: CalibrationResult) -> Iterator[str]:
@@ -485,27 +492,6 @@ def _on_trade_offs(result: CalibrationResult) -> Iterator[str]:
                 f'More {one} with {"more" if value > 0 else "less"} {other} fits as well '
                 f'(correlation {value:+.2f}): use the pairs of the picture, not the intervals.'
             )
-
-
-def _on_left_out(result: CalibrationResult) -> Iterator[str]:
-    if result.left_out:
-        inside = sum(each.inside for each in result.left_out)
-        yield (
-            f'Parts that were left out are predicted with a mean absolute deviation of '
-            f'{100 * result.left_out_deviation:.1f} points; {inside} of {len(result.left_out)} '
-            'are within their 90 % intervals.'
-        )
-
-
-def _on_simulation(result: CalibrationResult) -> Iterator[str]:
-    """Say how exact the simulated shares are."""
-    if result.fit.checked is None:
-        yield 'The most probable conditions were not checked by drops.'
-    else:
-        yield (
-            'Drops at the most probable conditions deviate from the interpolated shares by at '
-            f'most {100 * result.check_deviation:.1f} points.'
-        )
 
 
 def _source(result: CalibrationResult) -> str:

@@ -34,7 +34,6 @@ def groups(given, aspects, drops=None, kind='box'):
     [
         # Ids ascend with the height of the centre: 10, 20 and 30 mm.
         ({'x': 5, 'y': 1, 'z': 94}, None, ((3, 4), (5, 6), (1, 2)), [5, 1, 94]),
-        ({'z': 3}, 10, ((1, 2), (3, 4, 5, 6)), [3, 7]),
         ({1: 3, 'class_2': 2, 3: 0}, 5, ((1, 2), (3, 4), (5, 6)), [3, 2, 0]),
         ({'1+3': 3, 2: 2}, None, ((1, 2, 5, 6), (3, 4)), [3, 2]),
         ({'aspect_1': 3, 'aspect_2': 4, 'rest': 1}, None, ((1,), (2,), (3, 4, 5, 6)), [3, 4, 1]),
@@ -60,15 +59,11 @@ def test_sides_of_a_cylinder():
     ('given', 'drops', 'message'),
     [
         ({'top': 3, 'rest': 7}, None, "invalid name 'top' of a count: expected a class"),
-        ({4: 3, 'rest': 7}, None, "invalid name '4' of a count: the part has classes 1 to 3"),
         ({'aspect_7': 3, 'rest': 7}, None, 'the part has aspects 1 to 6'),
         ({'z': 3, 'rest': 7}, 12, 'invalid drops 12: expected the sum of the counts, 10'),
-        ({'x': 1, 'y': 2, 'z': 3, 'rest': 4}, None, 'invalid rest 4'),
         ({'z': 3, 'x': 2}, None, r'aspects \[5, 6\] are missing'),
         ({'z': 3, 1: 2, 'rest': 1}, None, 'counts aspect 1 again'),
-        ({'z': 3, 'Z ': 2, 'rest': 1}, None, 'expected each name once'),
         ({'1+2+3': 5}, None, 'all aspects are in one group'),
-        ({'z': 0, 'rest': 0}, None, 'invalid number of drops 0'),
     ],
 )
 def test_wrong_counts_are_refused(given, drops, message, box):
@@ -83,26 +78,21 @@ def test_counts_in_a_single_group_are_warned_of():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ('conditions', 'fitted'),
-    [
-        (None, {'height': (0.02, 0.3), 'restitution': (0.05, 0.95), 'friction': (0.03, 1.0)}),
-        (
-            {'height': '100 mm', 'restitution': 0.4, 'friction': '0.1:0.5', 'spin': '0:20'},
-            {'friction': (0.1, 0.5), 'spin': (0.0, 20.0)},
-        ),
-    ],
-)
-def test_what_is_not_known_is_fitted(conditions, fitted):
-    found = make_surface_counts({'conditions': conditions, 'parts': [BOX]}, Path())
-    assert {f.name: (f.low, f.high) for f in found.factors} == fitted
-    if conditions:
-        assert (found.base.height, found.base.restitution) == (0.1, 0.4)
-    else:
-        own = [{**BOX, 'name': str(h), 'conditions': {'height': h}} for h in (1, 2)]
-        found = make_surface_counts({'conditions': {'height': 1}, 'parts': own}, Path())
-        assert [f.name for f in found.factors] == ['restitution', 'friction']
-        assert [part.values['height'] for part in found.parts] == [1.0, 2.0]
+def test_what_is_not_known_is_fitted():
+    def fitted(conditions, parts=(BOX,)):
+        found = make_surface_counts({'conditions': conditions, 'parts': [*parts]}, Path())
+        return found, {factor.name: (factor.low, factor.high) for factor in found.factors}
+
+    default = {'height': (0.02, 0.3), 'restitution': (0.05, 0.95), 'friction': (0.03, 1.0)}
+    assert fitted(None)[1] == default
+    given = {'height': '100 mm', 'restitution': 0.4, 'friction': '0.1:0.5', 'spin': '0:20'}
+    found, ranges = fitted(given)
+    assert ranges == {'friction': (0.1, 0.5), 'spin': (0.0, 20.0)}
+    assert (found.base.height, found.base.restitution) == (0.1, 0.4)
+    own = [{**BOX, 'name': str(h), 'conditions': {'height': h}} for h in (1, 2)]
+    found, ranges = fitted({'height': 1}, own)
+    assert list(ranges) == ['restitution', 'friction']
+    assert [part.values['height'] for part in found.parts] == [1.0, 2.0]
 
 
 @pytest.mark.slow
@@ -127,21 +117,16 @@ def test_example_has_the_published_shares():
     ('changes', 'message'),
     [
         ({'colour': 'red'}, "invalid key 'colour'"),
-        ({'surface': 'My table'}, "invalid name 'My table' of a surface.*without spaces"),
-        ({'parts': []}, r'invalid parts \[\]'),
         ({'parts': [BOX, BOX]}, 'is there twice'),
         ({'parts': [{**BOX, 'counts': {'z': -2}}]}, 'invalid counts.z -2'),
-        ({'parts': [{**BOX, 'counts': None}]}, 'invalid counts None'),
         ({'parts': [{**BOX, 'cylinder': [1, 2]}]}, 'expected exactly one of'),
         ({'parts': [{'box': [1, 2, -3], 'counts': {'z': 1}}]}, 'expected three lengths'),
         ({'parts': [{'hull': [[0, 0, 0]] * 5, 'counts': {}}]}, 'expected points that span'),
-        ({'parts': [{'part': 'no_such_part', 'counts': {}}]}, "part 1: part 'no_such_part'"),
         (
             {'parts': [{**BOX, 'conditions': {'friction': 0.2}}, {**BOX, 'name': 'other'}]},
             'invalid friction: it is fitted',
         ),
         ({'conditions': {'height': 'high'}}, "invalid height 'high'"),
-        ({'conditions': {'height_of': 'TOP'}}, "invalid height_of 'TOP'"),
         (
             {'conditions': {'height': 1, 'restitution': 0.5, 'friction': 0.5}},
             'all values are known',
