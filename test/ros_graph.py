@@ -19,12 +19,11 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.parameter import parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
 from resting_aspects_interfaces.action import DropPart, ReorientPart
 from resting_aspects_interfaces.msg import FeederAction, PartDescription, RestingPoses
@@ -183,10 +182,6 @@ class Drop:
         self._result = handle.get_result_async()
 
     @property
-    def accepted(self):
-        return self._handle is not None
-
-    @property
     def done(self):
         return self._result is not None and self._result.done()
 
@@ -201,7 +196,7 @@ class Drop:
 
     def cancel(self):
         # Feedback can arrive before the response to the goal.
-        self._wait(lambda: self.accepted, 'accepted goal')
+        self._wait(lambda: self._handle, 'accepted goal')
         return self._handle.cancel_goal_async()
 
 
@@ -338,7 +333,7 @@ class Client:
 class Suite:
     """The three nodes and a client; the nodes are all in this process, or each in its own."""
 
-    def __init__(self, namespace, logs, start, constants=(), **simulator):
+    def __init__(self, namespace, logs, start, constants=(), arguments=(), **simulator):
         self.namespace, self.logs, self.client = namespace, logs, None
         simulator = {'workers': 2, **simulator}
         parameters = {
@@ -349,7 +344,8 @@ class Suite:
 
         def start_node(node, **options):
             constants_of = dict(constants).get(node, {})
-            return start(node, namespace, parameters[node], constants_of, **options)
+            given = {'arguments': arguments, **options}
+            return start(node, namespace, parameters[node], constants_of, **given)
 
         self._start = start_node
         # Concurrently: each reads files.
@@ -464,16 +460,9 @@ class Parameters:
             self._services[name] = self._client.node.create_client(kind, f'{self._node}/{name}')
         return self._client.call(self._services[name], kind.Request(**fields))
 
-    def names(self):
-        return set(self._call(ListParameters, 'list_parameters').result.names)
-
     def describe(self, name):
         (found,) = self._call(DescribeParameters, 'describe_parameters', names=[name]).descriptors
         return found
-
-    def get(self, name):
-        (value,) = self._call(GetParameters, 'get_parameters', names=[name]).values
-        return parameter_value_to_python(value)
 
     def set(self, **values):
         """Set parameters one by one; return the reasons of rejections."""

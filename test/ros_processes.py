@@ -1,77 +1,29 @@
 """Real processes of nodes, for what only these show: kills, signals and exit codes."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from ros_graph import DEADLINE, NODES, Suite, new_namespace
 
-# An interpreter that has imported the nodes is forked for each process: the imports take 2 s.
-FORKSERVER = multiprocessing.get_context('forkserver')
-FORKSERVER.set_forkserver_preload([module.__name__ for module in NODES.values()])
-# First statements of a forked process; it also forks the process in which a node reads files.
-FORKED = """
-import multiprocessing, os, sys
-from multiprocessing import forkserver
-from resting_aspects_ros.ros import file_worker
-
-os.setsid()
-os.chdir(folder)
-os.environ.clear()
-os.environ.update(environment)
-file = os.open(output, os.O_WRONLY | os.O_APPEND)
-os.dup2(file, 1)
-os.dup2(file, 2)
-sys.stdout.reconfigure(line_buffering=True)
-forkserver._forkserver.ensure_running = lambda: None
-file_worker.get_context = lambda _: multiprocessing.get_context('forkserver')
-"""
-
-
-class ForkedProcess:
-    """A process that runs a script in a forked interpreter; it has the interface of Popen."""
-
-    def __init__(self, script, output):
-        names = {
-            '__name__': '__main__',
-            'folder': str(Path.cwd()),
-            'environment': dict(os.environ),
-            'output': str(output),
-        }
-        self._process = FORKSERVER.Process(target=exec, args=(FORKED + script, names))
-        self._process.start()
-        self.pid = self._process.pid
-
-    def poll(self):
-        return self._process.exitcode
-
-    def wait(self, seconds=None):
-        self._process.join(seconds)
-        assert self.poll() is not None, f'it has not ended within {seconds} s'
-        return self.poll()
-
 
 class Process:
     """A program in a separate process group; its output goes to a file."""
 
-    def __init__(self, what, folder):
+    def __init__(self, command, folder):
         self._output = folder / 'output.txt'
-        self._output.touch()
-        if isinstance(what, str):
-            self._popen = ForkedProcess(what, self._output)
-        else:
-            with self._output.open('wb') as file:
-                self._popen = subprocess.Popen(
-                    what,
-                    stdin=subprocess.DEVNULL,
-                    stdout=file,
-                    stderr=subprocess.STDOUT,
-                    start_new_session=True,
-                )
+        with self._output.open('wb') as file:
+            self._popen = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
         self.pid = self._popen.pid
 
     @property
@@ -104,8 +56,14 @@ class Process:
             self.end(signal.SIGKILL)
 
     def group(self):
-        """Return the pids of all alive processes of the group."""
-        return [pid for pid, fields in _processes() if int(fields[2]) == self.pid]
+        """Return the pids of all alive processes of the group, without zombies."""
+        found = []
+        for folder in Path('/proc').glob('[0-9]*'):
+            with suppress(FileNotFoundError, ProcessLookupError):  # it may end at any time
+                fields = (folder / 'stat').read_text().rpartition(')')[2].split()
+                if fields[0] != 'Z' and int(fields[2]) == self.pid:
+                    found.append(int(folder.name))
+        return found
 
     def send_to_workers(self, number):
         """Send a signal to the worker processes; return their number."""
@@ -118,25 +76,14 @@ class Process:
         return workers
 
 
-def _processes():
-    """Yield pid and the fields of /proc/<pid>/stat after the name of all processes but zombies."""
-    for folder in Path('/proc').glob('[0-9]*'):
-        try:
-            fields = (folder / 'stat').read_text().rpartition(')')[2].split()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if fields[0] != 'Z':
-            yield int(folder.name), fields
-
-
 @pytest.fixture(scope='module')
 def run_command(tmp_path_factory):
-    """Start a command, or a script in an interpreter that has imported the nodes."""
+    """Start a command."""
     started = []
 
     def run_command(*command):
-        what = command[0] if len(command) == 1 else [str(word) for word in command]
-        started.append(Process(what, tmp_path_factory.mktemp('output')))
+        folder = tmp_path_factory.mktemp('output')
+        started.append(Process([str(word) for word in command], folder))
         return started[-1]
 
     yield run_command
@@ -155,7 +102,7 @@ def start_process(run_command, wait):
         words = [kind, '--ros-args', '-r', f'__ns:={namespace}', *map(str, arguments)]
         for name, value in dict(parameters).items():
             words += ['-p', f'{name}:={value}']
-        lines = [f'sys.argv = {words!r}', f'import {NODES[kind].__name__} as node']
+        lines = [f'import sys, {NODES[kind].__name__} as node', f'sys.argv = {words!r}']
         for name, value in dict(constants).items():
             module, _, constant = name.rpartition('.')
             lines += [
@@ -163,7 +110,8 @@ def start_process(run_command, wait):
                 f'assert hasattr(changed, {constant!r})',
                 f'changed.{constant} = {value!r}',
             ]
-        process = run_command('\n'.join([*lines, 'raise SystemExit(node.main())']))
+        lines += ["if __name__ == '__main__':", '    raise SystemExit(node.main())']
+        process = run_command(sys.executable, '-u', '-c', '\n'.join(lines))
         if ready:
             wait(lambda: ready in process.output or not process.running, f'{kind} {ready}')
             assert process.running, process.output

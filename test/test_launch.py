@@ -2,10 +2,9 @@
 
 import ast
 import importlib
-import re
 import sys
 from pathlib import Path
-from typing import NamedTuple
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -22,11 +21,6 @@ PARAMETERS = {
     name: importlib.import_module(f'resting_aspects_ros.nodes.{name}.node').PARAMETERS
     for name in (*SUITE, 'log_replayer', *FEEDER)
 }
-ARGUMENTS = [
-    'namespace', 'params_file', 'log_folder', 'parts_folder', 'surface', 'workers', 'part', 'log',
-    'feeder', 'respawn', 'rviz',
-]  # fmt: skip
-SWITCHES = {'namespace', 'params_file', 'feeder', 'respawn', 'rviz'}
 # The programs that rviz:=true adds, and their packages.
 RVIZ = {'rviz2': 'rviz2', 'static_transform_publisher': 'tf2_ros'}
 # Writes its arguments to a file named like itself, in place of the program, and ends once all
@@ -49,32 +43,18 @@ def constant(name):
     raise AssertionError(name)
 
 
-def test_docs_name_all_launch_arguments():
-    text = (ROOT / 'docs' / 'how_to' / 'installed_ros.md').read_text(encoding='utf-8')
-    sentence = text.split('The launch file takes ')[1].split('installed')[0]
-    assert re.findall(r'`(\w+):=', sentence) == ARGUMENTS
-
-
 def test_launch_arguments_reach_the_matching_nodes():
     nodes = ast.literal_eval(constant('NODES'))
     types = {
         key.value: kind.id
         for key, kind in zip(constant('TYPES').keys, constant('TYPES').values, strict=True)
     }
-    assert set(types) == set(ARGUMENTS) - SWITCHES
     for name, parameters in PARAMETERS.items():
         shared = {p.name: type(p.default).__name__ for p in parameters if p.name in types}
         assert set(nodes[name]) == set(shared), name
         assert shared.items() <= types.items(), name
     assert set(nodes) == set(PARAMETERS)
-
-
-class Launched(NamedTuple):
-    """The result of a launch: its exit code, its output, and the arguments of each program."""
-
-    code: int
-    output: str
-    started: dict[str, list[str]]
+    assert set(types) == set().union(*nodes.values())
 
 
 @pytest.fixture
@@ -104,7 +84,10 @@ def prefix(tmp_path, monkeypatch):
 
 @pytest.fixture
 def launch(prefix, tmp_path, capfd, monkeypatch):
-    """Execute the launch file until all programs have ended, as `ros2 launch` does."""
+    """Execute the launch file until all programs have ended, as `ros2 launch` does.
+
+    The function returns the exit code, the output, and the arguments of each program.
+    """
     from launch import LaunchDescription, LaunchService
     from launch.actions import IncludeLaunchDescription
     from launch.launch_description_sources import PythonLaunchDescriptionSource
@@ -123,7 +106,7 @@ def launch(prefix, tmp_path, capfd, monkeypatch):
         started = {
             file.name: file.read_text().splitlines() for file in (tmp_path / 'started').iterdir()
         }
-        return Launched(code, captured.out + captured.err, started)
+        return SimpleNamespace(code=code, output=captured.out + captured.err, started=started)
 
     return launch
 
@@ -150,8 +133,7 @@ def parameters_of():
     ('arguments', 'programs'),
     [
         ({}, SUITE),
-        ({'log_folder': '/tmp/my logs'}, SUITE),
-        ({'log_folder': '2025', 'parts_folder': 'true'}, SUITE),
+        ({'log_folder': '2025', 'parts_folder': '/tmp/my parts'}, SUITE),
         ({'namespace': 'cell_1', 'surface': 'steel', 'workers': '0'}, SUITE),
         ({'feeder': 'controller'}, (*SUITE, 'feeder_controller')),
         ({'feeder': 'simulated', 'part': 'hex_nut'}, (*SUITE, *FEEDER)),
@@ -185,16 +167,10 @@ def test_arguments_reach_the_nodes_in_the_declared_types(
 @pytest.mark.parametrize('key', ['/**', '/*/drop_simulator'])
 def test_an_argument_overrides_the_params_file(launch, parameters_of, tmp_path, key):
     path = tmp_path / 'my parameters.yaml'
-    path.write_text(
-        f'{key}:\n  ros__parameters:\n    workers: 7\n    surface: steel\n'
-        '/**/drop_simulator:\n  ros__parameters:\n    parts_folder: mine\n'
-    )
-    launched = launch(
-        *SUITE, namespace='cell', params_file=str(path), workers='3', parts_folder='given'
-    )
+    path.write_text(f'{key}:\n  ros__parameters:\n    workers: 7\n    surface: steel\n')
+    launched = launch(*SUITE, namespace='cell', params_file=str(path), workers='3')
     _, values = parameters_of('drop_simulator', launched.started['drop_simulator'])
-    found = [values[name] for name in ('workers', 'surface', 'parts_folder')]
-    assert found == [3, 'steel', 'given']
+    assert (values['workers'], values['surface']) == (3, 'steel')
 
 
 @needs_launch
@@ -202,7 +178,6 @@ def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
     launched = launch(rviz='true')
     assert (launched.code, launched.started) == (1, {})
     assert 'expected package rviz2 to be installed' in launched.output
-    assert 'apt install ros-jazzy-rviz2' in launched.output
     for program, package in RVIZ.items():
         prefix(package, program)
     launched = launch(*SUITE, *RVIZ, rviz='true', namespace='cell')
@@ -210,9 +185,7 @@ def test_rviz_is_started_in_the_namespace_with_its_frame(prefix, launch):
     assert set(launched.started) == {*SUITE, *RVIZ}
     for program in RVIZ:
         assert '__ns:=/cell' in launched.started[program]
-    option, view = launched.started['rviz2'][:2]
-    assert (option, Path(view).name) == ('-d', 'resting_aspects.rviz')
-    assert Path(view).is_file()
+    assert Path(launched.started['rviz2'][1]).name == 'resting_aspects.rviz'
     words = launched.started['static_transform_publisher']
     given = dict(zip(words[:4:2], words[1:4:2], strict=True))
     # Below the tray, so that the transform that places the tray stays the user's.

@@ -1,6 +1,6 @@
 """Shared code of all ROS nodes and clients of the suite.
 
 Contains names and QoS, conversions between domain types and messages, parameters, diagnostics
-and guarded callbacks. May import `core`, `simulation`, `logs`, `api` and rclpy, but neither nodes
-nor the client. Read `interface.py` first, then `conversions.py`.
+and guarded callbacks. May import rclpy and the rooms below, but neither nodes nor the client.
+Read `interface.py` first, then `conversions.py`.
 """

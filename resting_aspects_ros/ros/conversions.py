@@ -301,11 +301,12 @@ def description_msg(run: Run, scene: Scene, frame: str = FRAME) -> SurroundingsD
     return message
 
 
-def surroundings_from_msg(message: SurroundingsDescription) -> Surroundings:
-    """Return the surroundings in a message, with their mesh.
+def serialized_surroundings(data: bytes) -> Surroundings:
+    """Return the surroundings in a serialized message, with their mesh.
 
     Parses a mesh file: a node calls it in a FileWorker. Raises InvalidValueError or PartError.
     """
+    message = message_from(data)
     found = surroundings_of(message.surroundings)
     if found is None:
         raise InvalidValueError("invalid kind '' of surroundings: expected one")
@@ -317,11 +318,6 @@ def surroundings_from_msg(message: SurroundingsDescription) -> Surroundings:
     if mesh.sha256 != shape.mesh_sha256:
         raise InvalidValueError(f'invalid {label}: expected the hash {shown(shape.mesh_sha256)}')
     return found.with_mesh(mesh)
-
-
-def serialized_surroundings(data: bytes) -> Surroundings:
-    """Return the surroundings in a serialized message; see surroundings_from_msg."""
-    return surroundings_from_msg(message_from(data))
 
 
 def message_from(data: bytes) -> SurroundingsDescription:

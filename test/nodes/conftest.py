@@ -4,9 +4,7 @@
 """
 
 import functools
-import time
 from contextlib import closing
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,14 +16,14 @@ from resting_aspects_ros.api import model_range
 from resting_aspects_ros.api.plan import named_action
 from resting_aspects_ros.api.reorient import ReorientResult
 from resting_aspects_ros.aspects.find import find_aspects
-from resting_aspects_ros.client import RestingAspectsClient, connection
+from resting_aspects_ros.client import RestingAspectsClient
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.logs.bag import OUTCOME
 from resting_aspects_ros.logs.topics import DISTRIBUTION_TYPE, PART_TYPE, POSES_TYPE, Qos, Topic
 from resting_aspects_ros.logs.writer import RunLog
 from resting_aspects_ros.nodes.aspect_classifier import known
 from resting_aspects_ros.ros import health
-from resting_aspects_ros.ros.conversions import conditions_msg, part_msg, poses_msgs, time_msg
+from resting_aspects_ros.ros.conversions import part_msg, poses_msgs, time_msg
 from resting_aspects_ros.ros.file_worker import FileLimitError, FileWorker
 from resting_aspects_ros.simulation.job import plan_run
 from resting_aspects_ros.simulation.workers import drop_range
@@ -140,10 +138,10 @@ def suite(shared_nodes, connect):
 def fresh_suite(start, connect, tmp_path_factory, few_parts):
     """Return a function that starts new nodes in this process, with few parts."""
 
-    def fresh_suite(constants=(), **simulator):
+    def fresh_suite(constants=(), arguments=(), **simulator):
         simulator = {'parts_folder': few_parts('box_10x20x30', 'tetrahedron'), **simulator}
         logs = tmp_path_factory.mktemp('logs')
-        suite = Suite(new_namespace(), logs, start, constants, **simulator)
+        suite = Suite(new_namespace(), logs, start, constants, arguments, **simulator)
         return suite.seen_by(connect(suite.namespace))
 
     return fresh_suite
@@ -157,33 +155,13 @@ def spinning(graphs, suite):
 
 
 @pytest.fixture
-def in_namespace():
-    """Return the arguments of a Python client of the suite in a namespace."""
-    return lambda namespace: {'ros_args': ['-r', f'__ns:={namespace}']}
-
-
-@pytest.fixture
-def client(suite, in_namespace, spinning):
+def client(suite, spinning):
     """A Python client of the suite, with a private node."""
-    with RestingAspectsClient(**in_namespace(suite.namespace)) as client:
+    with RestingAspectsClient(ros_args=['-r', f'__ns:={suite.namespace}']) as client:
         yield client
 
 
 # -- what tests see and send ----------------------------------------------------------------------
-
-
-@pytest.fixture
-def ahead(monkeypatch):
-    """Advance the clock of the requests of a client, in seconds."""
-    offset = 0.0
-
-    def ahead(seconds):
-        nonlocal offset
-        offset += seconds
-
-    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + offset, sleep=time.sleep)
-    monkeypatch.setattr(connection, 'time', clock)
-    return ahead
 
 
 @pytest.fixture(scope='session')
@@ -212,12 +190,6 @@ def invented(part, surfaces):
         return ReorientResult(matrix, named_action(action), run, solid, drop, complete=True)
 
     return invented
-
-
-@pytest.fixture
-def quick(surfaces):
-    """Return conditions for short drops: from a low height, without bounces."""
-    return [conditions_msg(surfaces.get().changed(height=1e-3, restitution=0.0))]
 
 
 @pytest.fixture(scope='session')

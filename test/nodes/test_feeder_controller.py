@@ -21,7 +21,7 @@ from scipy.stats import binomtest
 from std_msgs.msg import Header
 
 from resting_aspects_ros.api.identify import known_part
-from resting_aspects_ros.ros.conversions import part_msg, time_msg
+from resting_aspects_ros.ros.conversions import part_msg, pose_msg, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg, transitions_msg
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CELL, LATCHED
 
@@ -43,35 +43,34 @@ CHOICES = {'WAIT': 0, 'PICK': 1, 'FLIP': 2, 'SPREAD': 3, 'SUPPLY': 4}
 class Cell:
     """A vision system, a robot and a simulator around a controller."""
 
-    def __init__(self, client, part=PART):
-        self.client, self.part = client, part
+    def __init__(self, client):
+        self.client = client
         publish = client.node.create_publisher
         self.images = publish(DetectionArray, 'detections', CELL)
         self.results = publish(PickResult, 'pick_result', CELL)
-        self.parts = publish(PartDescription, f'parts/{part}', LATCHED)
-        self.drops = publish(AspectDistribution, f'aspect_distributions/{part}', LATCHED)
-        self.flips = publish(TransitionMatrix, f'transitions/{part}', LATCHED)
-        self.received = client.listen(FeederAdvice, f'feeder_advice/{part}', ALL_LATCHED)
+        self.parts = publish(PartDescription, f'parts/{PART}', LATCHED)
+        self.drops = publish(AspectDistribution, f'aspect_distributions/{PART}', LATCHED)
+        self.flips = publish(TransitionMatrix, f'transitions/{PART}', LATCHED)
+        self.received = client.listen(FeederAdvice, f'feeder_advice/{PART}', ALL_LATCHED)
         self.number = 0
         for output in (self.images, self.results):
             client.wait(output.get_subscription_count, 'controller')
 
-    def now(self):
-        return self.client.node.get_clock().now().nanoseconds
+    def header(self, age=0.0):
+        now = self.client.node.get_clock().now().nanoseconds
+        return Header(stamp=time_msg(now - round(age * SECOND)), frame_id='tray')
 
     def show(self, *detections, age=0.0):
         """Publish an image; return its number."""
         self.number += 1
         message = DetectionArray(image=self.number, detections=detections)
-        message.header.stamp = time_msg(self.now() - round(age * SECOND))
-        message.header.frame_id = 'tray'
+        message.header = self.header(age)
         self.images.publish(message)
         return self.number
 
     def report(self, result, image=0, detection=0):
-        header = Header(stamp=time_msg(self.now()))
-        message = PickResult(result=result, image=image, detection=detection, header=header)
-        self.results.publish(message)
+        given = {'result': result, 'image': image, 'detection': detection}
+        self.results.publish(PickResult(header=self.header(), **given))
 
     def advice(self, choice, holds=lambda _: True):
         """Return the newest advice once it is as expected."""
@@ -97,9 +96,8 @@ def begin(start, connect, namespace):
     """Start a controller and return its cell."""
 
     def begin(constants=PATIENT, **parameters):
-        given = {'part': PART, **parameters}
-        node = start('feeder_controller', namespace, given, constants)
-        return Cell(connect(namespace), given['part']), node
+        node = start('feeder_controller', namespace, {'part': PART, **parameters}, constants)
+        return Cell(connect(namespace)), node
 
     return begin
 
@@ -119,12 +117,11 @@ def running(start, connect, part, drops_of):
 @pytest.fixture
 def cell(running):
     """Its cell, with an empty tray."""
-    cell = running
-    epoch = cell.received[-1].epoch
-    cell.report(PickResult.MOVED)
-    cell.advice('WAIT', lambda advice: advice.epoch == epoch + 1)
-    cell.advice_for(choice='SUPPLY')
-    return cell
+    epoch = running.received[-1].epoch
+    running.report(PickResult.MOVED)
+    running.advice('WAIT', lambda advice: advice.epoch == epoch + 1)
+    running.advice_for(choice='SUPPLY')
+    return running
 
 
 @pytest.fixture(scope='module')
@@ -142,19 +139,13 @@ def test_picks_are_sorted_and_have_the_poses_of_the_part(cell, part):
     advice = cell.advice_for(
         seen('1', 0.01, score=0.9, yaw=1.0),
         seen('2', 0.05),
-        seen('1', 0.09, clearance=0.001),
-        seen('', 0.12),
         seen('1', 0.15, score=0.98, y=0.02, yaw=-2.0),
         choice='PICK',
     )
-    assert [(pick.detection, pick.symmetry_class) for pick in advice.picks] == [(4, 1), (0, 1)]
+    assert [(pick.detection, pick.symmetry_class) for pick in advice.picks] == [(2, 1), (0, 1)]
     (expected,) = known_part(part(PART), {1: 1.0}).placements[0].poses(0.15, 0.02, -2.0)
-    (pose,) = advice.picks[0].poses
-    p, q = pose.position, pose.orientation
-    assert [p.x, p.y, p.z] == pytest.approx(expected.position.tolist())
-    assert [q.x, q.y, q.z, q.w] == pytest.approx(expected.orientation.tolist())
+    assert advice.picks[0].poses == [pose_msg(expected.position, expected.orientation)]
     assert advice.header.frame_id == 'tray'
-    assert CHOICES['FLIP'] in advice.choices
 
 
 def test_picks_are_worked_off_and_the_action_follows(cell):
@@ -163,11 +154,9 @@ def test_picks_are_worked_off_and_the_action_follows(cell):
     for epoch in (first.epoch + 1, first.epoch + 2):
         cell.report(PickResult.PICKED, first.image, left.pop(0))
         cell.client.wait(lambda e=epoch: cell.received[-1].epoch == e, 'next epoch')
-        advice = cell.received[-1]
-        assert [pick.detection for pick in advice.picks] == left
-    assert advice.choice == first.then
-    assert advice.supply == first.supply > 0
-    assert 'All chosen parts' in advice.reason
+        assert [pick.detection for pick in cell.received[-1].picks] == left
+    advice = cell.received[-1]
+    assert (advice.choice, advice.supply) == (first.then, first.supply)
 
 
 def test_invalid_input_is_reported_and_makes_nothing_valid(cell):
@@ -179,8 +168,7 @@ def test_invalid_input_is_reported_and_makes_nothing_valid(cell):
     before = cell.advice_for(seen(), choice='PICK')
     refused = cell.show(seen(), age=-60.0)
     level, text, _ = reported('in the future')
-    assert level == b'\x01'
-    assert f'image {refused}' in text
+    assert (level, f'image {refused}' in text) == (b'\x01', True)
     assert cell.received[-1].image == before.image
     cell.report(0, before.image, 0)
     advice = cell.advice('WAIT', lambda advice: advice.epoch == before.epoch + 1)
@@ -201,16 +189,13 @@ def test_model_follows_drops_and_flips(begin, part, invented, drops_of):
     cell.parts.publish(part_msg(part(PART)))
     cell.advice('WAIT', lambda advice: 'get_distribution is not served' in advice.reason)
     assert math.isnan(cell.received[-1].pickable_share)
-    # Without a drop in an aspect, nothing is known either.
-    cell.drops.publish(drops_of([0] * 5, 'none'))
-    cell.advice('WAIT', lambda advice: f'no drop of {PART} has come to rest' in advice.reason)
     cell.drops.publish(drops_of([10, 20, 30, 40, 99]))
     advice = cell.advice('WAIT', lambda advice: advice.drops == 199)
     interval = binomtest(40, 200).proportion_ci(method='wilson')
     found = [advice.pickable_share, advice.lower, advice.upper]
     assert found == pytest.approx([0.2, interval.low, interval.high])
 
-    # Fewer drops, as of an older run, and another action.
+    # Fewer drops, and another action.
     cell.drops.publish(drops_of([1, 0, 0, 0, 0], 'b'))
     cell.flips.publish(flips_of('tap'))
     cell.client.wait(lambda: 'invalid action tap: expected flip' in process.output, 'its refusal')
@@ -236,9 +221,6 @@ def test_class_that_the_part_lacks_is_an_error(begin, part):
     cell.parts.publish(part_msg(part(PART)))
     message = f'invalid pickable_classes [1, 6]: expected symmetry classes of {PART}, 1 to 5'
     cell.advice('WAIT', lambda advice: message in advice.reason)
-    cell.show(seen())
-    cell.report(PickResult.MOVED)
-    cell.advice('WAIT', lambda advice: advice.epoch == 1)
     level, *_ = diagnostics.wait('feeder_controller', lambda _, text, __: message in text, 'error')
     assert level == b'\x02'
 
@@ -255,7 +237,5 @@ def test_camera_that_stops_is_reported_and_may_continue(begin, part, drops_of):
     assert [len(a.picks) for a in cell.received if a.image == image] == [3, 0]
     assert advice.reason.endswith('Before, the advice was to pick parts.')
     image = cell.show(seen())
-    cell.client.wait(
-        lambda: [a for a in cell.received if a.image == image and a.picks], 'picks again'
-    )
+    cell.client.wait(lambda: any(a.image == image and a.picks for a in cell.received), 'picks')
     assert 'check the camera' in process.output

@@ -71,7 +71,6 @@ class Machine:
         self.counts = publish(ObservedCounts, f'observed_counts/{PART}', LATCHED)
         self.received = client.listen(Posterior, f'posterior/{PART}', ALL_LATCHED)
         self.description = part_msg(simulated.part)
-        self.number = 0
 
     def send(self, supplied=(), **fields):
         message = ObservedCounts(part=PART, supplied=[int(k) for k in supplied], **fields)
@@ -108,10 +107,8 @@ def test_counts_before_the_part_is_known_wait_for_it(machine, status):
     machine.parts.publish(machine.description)
     found = machine.posterior(lambda each: each.run.run_id == 'a')
     assert (list(found.simulated), list(found.observed)) == ([7200, 2800], [1, 0])
-    assert found.prior_weight == 60
     assert list(found.concentration) == pytest.approx([44.2, 16.8], abs=0.01)
     assert (found.window, found.message, found.drift, found.first_part) == (WINDOW, '', False, 0)
-    assert math.isnan(found.share)
     status(lambda level, text, values: level == b'\0' and values['parts counted'] == '1')
 
 
@@ -134,32 +131,26 @@ def test_posterior_and_drift_are_those_of_the_command(machine, simulated, status
     assert (found.deviation_lower, found.deviation_upper) == (deviation.lower, deviation.upper)
     assert found.first_part == test.ends[test.drifted.start] + 1
     # In words, with the time of the first part, also as a warning.
-    words, _ = expected.verdict.split(' since')
-    since = f'{words} since part {found.first_part} (1970-01-01 00:02:29 UTC).'
-    assert found.message.startswith(since)
+    assert f'since part {found.first_part} (1970-01-01 00:02:29 UTC).' in found.message
     status(lambda level, text, _: level == b'\1' and text == f'{PART}: {found.message}')
 
 
-@pytest.mark.parametrize(
-    ('fields', 'message'),
-    [
-        ({'part_sha256': 'other', 'supplied': [900, 9]}, "part_sha256 'other' of counts of hex"),
-        ({'supplied': [900, 9], 'header': Header(stamp=Time(sec=2**31 - 1))}, 'in the future'),
-    ],
-)
-def test_invalid_counts_are_refused_with_a_reason(machine, status, fields, message):
+def test_invalid_counts_are_refused_with_a_reason(machine, status):
     before = machine.received[-1].parts
-    machine.counts.publish(ObservedCounts(**{'part': PART, 'session': 'b', **fields}))
-    status(lambda level, text, _: level == b'\1' and message in text)
-    machine.number += 1
-    machine.send([machine.number, 0], session='valid')
+    for fields, message in (
+        ({'part_sha256': 'other'}, "part_sha256 'other' of counts of hex"),
+        ({'header': Header(stamp=Time(sec=2**31 - 1))}, 'in the future'),
+    ):
+        machine.send([900, 9], session='b', **fields)
+        status(lambda level, text, _, message=message: level == b'\1' and message in text)
+    machine.send([1, 0], session='valid')
     machine.posterior(lambda each: each.parts == before + 1)
 
 
 def test_moved_parts_give_the_transitions_of_the_machine(machine, simulated):
     machine.send(session='moves', action='flip', moved=[3, 7, 40, 50])
     found = machine.posterior(lambda each: each.actions)
-    assert (found.actions, found.action_run_ids, found.action_messages) == (['flip'], [''], [''])
+    assert (found.actions, found.action_run_ids) == (['flip'], [''])
     assert list(found.moved_probability) == pytest.approx([3 / 10, 7 / 10, 4 / 9, 5 / 9])
     assert all(map(math.isnan, found.simulated_probability))
     machine.moves.publish(transitions_msg(simulated, Time(sec=1), ended=True))
@@ -195,14 +186,9 @@ def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     expected = forecast_of(simulated, *[each.id for each in alike])
     found = ask(tray=TRAY)
     assert found.status.code == Status.OK, found.status.message
-    assert found.sentence == expected.sentence
-    assert found.parts_per_minute == expected.parts_per_minute
-    assert (found.lower, found.upper) == (expected.lower, expected.upper)
+    for name in ('sentence', 'parts_per_minute', 'lower', 'upper', 'best_number', 'limited_by'):
+        assert getattr(found, name) == getattr(expected, name)
     assert (found.prediction_lower, found.prediction_upper) == expected.named.forecast.prediction
-    assert (found.best_number, found.limited_by) == (expected.best_number, expected.limited_by)
-    assert found.flips_per_part == expected.named.forecast.flips_per_part
-    shorter = dict(zip(found.times, found.shorter, strict=True))
-    assert shorter == {k: v[0] for k, v in expected.named.forecast.sensitivity.items()}
     assert (found.run_id, found.drops, found.counted_parts) == ('a', 10_000, 0)
 
     # With the counts of the machine, of which fewer parts are pickable.
@@ -213,20 +199,6 @@ def test_forecast_is_that_of_the_python_interface(ask, simulated, machine):
     expected = forecast_of(both, *[each.id for each in alike], parts_on_tray=3)
     assert counted.parts_per_minute == expected.parts_per_minute < found.parts_per_minute
     assert counted.counted_parts == observed.sum()
-
-
-@pytest.mark.parametrize(
-    ('fields', 'code', 'message'),
-    [
-        ({'part': 'cube'}, Status.UNKNOWN_PART, 'cube'),
-        ({'action': 'tap'}, Status.NOT_AVAILABLE, "by action 'tap' are known, request reorient"),
-        ({'aspects': [1]}, Status.INVALID, 'expected either aspects or classes'),
-    ],
-)
-def test_invalid_forecast_has_a_status(ask, fields, code, message):
-    found = ask(**fields)
-    assert (found.status.code, math.isnan(found.parts_per_minute)) == (code, True)
-    assert message in found.status.message
 
 
 def test_totals_survive_a_restart_of_the_classifier(machine, start, logs):

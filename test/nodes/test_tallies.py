@@ -16,12 +16,11 @@ from resting_aspects_ros.simulation.workers import drop_range
 from resting_aspects_ros.statistics.distribution import count_poses
 
 DROPS = 60
-PART = 'tetrahedron'
 
 
 @pytest.fixture(scope='module')
 def solid(part):
-    return part(PART)
+    return part('tetrahedron')
 
 
 @pytest.fixture(scope='module')
@@ -30,24 +29,18 @@ def aspects(solid):
 
 
 @pytest.fixture(scope='module')
-def poses(engine):
-    return engine(DROPS, 1)
-
-
-@pytest.fixture(scope='module')
-def counted(aspects, poses):
+def counted(aspects, engine):
     """Return the distribution of the first drops."""
-    return lambda end=DROPS: count_poses(aspects, poses.between(0, end))
+    return lambda end=DROPS: count_poses(aspects, engine(end, 1))
 
 
 @pytest.fixture
 def run(solid, surfaces):
     """Return a function that creates the description of a run."""
 
-    def run(run_id='a', first=0, end=DROPS, *, seed=1, started=1, surface='', **changes):
-        given = {'seed': seed, 'drops': end - first, 'first_drop': first, 'started': started}
-        _, found = plan_run(solid, surfaces.get(surface), run_id=run_id, **given)
-        return dataclasses.replace(found, **changes)
+    def run(run_id='a', first=0, end=DROPS, *, surface='', **changes):
+        given = {'seed': 1, 'drops': end - first, 'first_drop': first, 'started': 1, **changes}
+        return plan_run(solid, surfaces.get(surface), run_id=run_id, **given)[1]
 
     return run
 
@@ -58,49 +51,30 @@ def tallies(aspects):
 
 
 @pytest.fixture
-def take(tallies, solid, aspects, poses):
+def take(tallies, solid, aspects, engine):
     """Return a function that adds the drops of a message; it returns their tally."""
 
     def take(run, first, end, *, last=False):
         tally = tallies.of_run(run)
-        tally.add(run, poses.between(first, end), last=last)
+        tally.add(run, engine(DROPS, 1).between(first, end), last=last)
         tally.count(solid, aspects)
         return tally
 
     return take
 
 
-def test_a_further_run_extends_a_tally(run, take, tallies, counted, solid):
+def test_a_further_run_extends_a_tally(run, take, tallies, counted):
     take(run('a', 0, 40), 0, 40, last=True)
     further = run('b', 40, 60, started=2)
     assert not take(further, 40, 50).complete
     tally = take(further, 50, 60, last=True)
     assert tally.counted.counts.tolist() == counted().counts.tolist()
     assert (tally.run.run_id, tally.first, tally.run.drops) == ('b', 0, 60)
-    assert tallies.find(solid.part_sha256, further.conditions, 60, 0.0, 1) is tally
-    assert tallies.find(solid.part_sha256, further.conditions, 61, 0.0, 1) is None
     # Repeated drops do not change the description.
     before = tally.counted
     take(run('c', 0, 40, started=3), 0, 40)
     assert (tally.run.run_id, tally.complete, len(tallies)) == ('b', True, 1)
     assert tally.counted is before
-
-
-def test_drops_that_do_not_continue_others_are_another_tally(run, take, tallies, solid):
-    take(run('a', 0, 20), 0, 20, last=True)
-    apart = take(run('b', 40, 60), 40, 60, last=True)
-    assert (apart.first, apart.drops, len(tallies)) == (40, 20, 2)
-    asked = solid.part_sha256, run().conditions
-    assert tallies.find(*asked, 20, 0.0, 1).first == 0
-    assert tallies.find(*asked, 1, 0.0, 1).end == 20
-    assert tallies.find(*asked, 1, 0.0, 2) is None
-
-
-def test_a_precision_widens_the_intervals_from_then_on(run, take):
-    plain = take(run('a', 0, 40), 0, 40, last=True).counted.intervals()
-    tally = take(run('b', 0, 60, precision=0.1), 0, 41)
-    assert (tally.counted.by_precision, tally.run.precision) == (True, 0.1)
-    assert tally.counted.intervals()[0].lower < plain[0].lower
 
 
 def test_newest_is_the_largest_under_the_newest_conditions(run, take, tallies, solid):
@@ -121,8 +95,7 @@ def test_log_extends_what_is_known(run, take, tallies, counted):
     assert (tally.end, tally.missing()) == (50, [])
     take(run(), 0, 0)
     assert tally.counted.counts.tolist() == counted().counts.tolist()
-    # A smaller distribution changes nothing.
-    tallies.add(run('old', 0, 20), counted(20))
+    tallies.add(run('old', 0, 20), counted(20))  # a smaller one changes nothing
     assert (tally.drops, len(tallies)) == (60, 1)
 
 

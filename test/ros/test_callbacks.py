@@ -2,13 +2,9 @@
 
 import pytest
 import rclpy
-from rcl_interfaces.msg import Log
-from rclpy.executors import SingleThreadedExecutor
-from std_msgs.msg import Int32
 
 from resting_aspects_ros.errors import InvalidValueError
 from resting_aspects_ros.ros import callbacks
-from resting_aspects_ros.ros.interface import ALL_LATCHED
 
 
 @pytest.fixture
@@ -19,59 +15,20 @@ def node():
     rclpy.try_shutdown(context=context)
 
 
-@pytest.fixture
-def logged(node, wait):
-    """Publish numbers on a topic; return the errors on /rosout up to a last line."""
-    found = []
-    node.create_subscription(Log, '/rosout', found.append, ALL_LATCHED)
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
+def test_errors_of_a_callback_are_logged_once_per_period(node, capfd, monkeypatch):
+    def fail(number):
+        raise (InvalidValueError if number < 50 else RuntimeError)(f'invalid number {number}')
 
-    def logged(publisher, numbers, taken):
+    def logged(failure, numbers):
+        callback = callbacks.guarded(node, failure, fail)
         for number in numbers:
-            publisher.publish(Int32(data=number))
-        spin = lambda: executor.spin_once(0.1)  # noqa: E731
-        wait(lambda: taken and taken[-1] == numbers[-1], 'last number', step=spin)
-        end = f'end after {numbers}'
-        node.get_logger().info(end)
-        wait(lambda: any(line.msg == end for line in found), 'last line', step=spin)
-        return [line.msg for line in found if line.level == Log.ERROR]
+            callback(number)
+        lines = capfd.readouterr().err.splitlines()
+        return [line.partition('[test_callbacks.guarded]: ')[2] for line in lines]
 
-    yield logged
-    executor.shutdown()
-
-
-def listen(node, topic, error):
-    taken = []
-
-    def take(message):
-        taken.append(message.data)
-        raise error(f'invalid number {message.data}')
-
-    callbacks.subscribe(node, Int32, topic, take, ALL_LATCHED)
-    return callbacks.advertise(node, Int32, topic, ALL_LATCHED), taken
-
-
-def test_repeated_errors_are_logged_once_per_period(node, logged):
-    publisher, taken = listen(node, 'numbers', InvalidValueError)
-    errors = logged(publisher, range(50), taken)
-    assert taken == list(range(50))
-    topic = '/test_callbacks/numbers'
-    assert errors == [f'ignored a message on {topic}: invalid number 0']
-
-
-def test_callbacks_do_not_throttle_each_other(node, logged):
-    first, taken = listen(node, 'first', InvalidValueError)
-    assert len(logged(first, [1, 2], taken)) == 1
-    second, taken = listen(node, 'second', RuntimeError)
-    _, error = logged(second, [3, 4], taken)
-    assert error == (
-        'ignored a message on /test_callbacks/second: '
-        "unexpected error RuntimeError('invalid number 3')"
-    )
-
-
-def test_next_error_is_logged_after_the_period(node, logged, monkeypatch):
+    assert logged('first', range(50)) == ['first: invalid number 0']
+    # Callbacks do not throttle each other.
+    error = "unexpected error RuntimeError('invalid number 50')"
+    assert logged('second', range(50, 52)) == [f'second: {error}']
     monkeypatch.setattr(callbacks, 'LOG_PERIOD', 0.0)
-    publisher, taken = listen(node, 'numbers', InvalidValueError)
-    assert len(logged(publisher, range(5), taken)) == 5
+    assert len(logged('third', range(5))) == 5

@@ -15,11 +15,9 @@ from resting_aspects_ros.ros.requests import RequestedSurroundings
 from resting_aspects_ros.simulation.surroundings import changed_surroundings
 
 
-class Files:
-    """Runs functions at once, in this process."""
-
-    async def run(self, function, *arguments):
-        return function(*arguments)
+async def run(function, *arguments):
+    """Run a function at once, in this process."""
+    return function(*arguments)
 
 
 @pytest.fixture
@@ -34,7 +32,7 @@ def folder(tmp_path):
 @pytest.fixture
 def requested(folder):
     node = SimpleNamespace(get_name=lambda: 'drop_simulator')
-    return RequestedSurroundings(node, str(folder), Files())
+    return RequestedSurroundings(node, str(folder), SimpleNamespace(run=run))
 
 
 def ask(requested, surfaces, around):
@@ -65,10 +63,8 @@ def test_a_name_is_a_file_of_the_folder(requested, surfaces):
     ('around', 'expected'),
     [
         ('swamp', "invalid surroundings 'swamp': expected one of broken, plate, ramp"),
-        ('ramps', "did you mean 'ramp'"),
         ('../ramp', 'expected one of'),
         ('broken', 'invalid angle'),
-        (Surroundings(name='ramp', values=[0.2]), 'invalid names of surroundings'),
         (Surroundings(name='ramp', orientation=[Quaternion()]), 'invalid kind of surroundings'),
     ],
 )
@@ -79,10 +75,8 @@ def test_invalid_surroundings(requested, surfaces, around, expected):
 
 
 def test_a_message_never_reads_a_path(requested, surfaces, folder):
-    given = Surroundings(kind='mesh', mesh=str(folder / 'plate.obj'))
-    with pytest.raises(InvalidValueError, match='invalid mesh_sha256'):
-        ask(requested, surfaces, given)
-    given.mesh_sha256 = '0' * 64
+    mesh = str(folder / 'plate.obj')
+    given = Surroundings(kind='mesh', mesh=mesh, mesh_sha256='0' * 64)
     with pytest.raises(InvalidValueError, match='surroundings_folder of drop_simulator'):
         ask(requested, surfaces, given)
 
@@ -92,11 +86,6 @@ def test_a_message_may_have_a_mesh_of_the_folder(requested, surfaces, folder):
     given = surroundings_msg(plate)
     assert str(folder) not in repr(given)
     found = ask(requested, surfaces, given)
-    assert (found, found.name, found.known) == (plate, 'plate', True)
+    assert (found, found.known) == (plate, True)
     raised = ask(requested, surfaces, surroundings_msg(changed_surroundings(plate, {'z': 0.1})))
     np.testing.assert_allclose(raised.shape.vertices[:, 2], plate.shape.vertices[:, 2] + 0.1)
-
-
-def test_a_missing_folder_is_an_error(tmp_path):
-    with pytest.raises(InvalidValueError, match='invalid surroundings_folder'):
-        RequestedSurroundings(None, str(tmp_path / 'none'), Files())
