@@ -1,5 +1,6 @@
 """`resting_aspects feeder_demo`: the feeder over ROS beside its forecast."""
 
+import io
 import json
 import os
 import signal
@@ -8,11 +9,16 @@ from types import SimpleNamespace
 import pytest
 from builtin_interfaces.msg import Time
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from rich.console import Console
 from sensor_msgs.msg import Image as ImageMsg
 from std_msgs.msg import Header
 
 from resting_aspects_ros.cli.verbs import feeder_demo
-from resting_aspects_ros.client.feeder_watch import FeederWatch, feeder_sentence
+from resting_aspects_ros.client.feeder_watch import (
+    FeederWatch,
+    feeder_sentence,
+    feeder_table,
+)
 from resting_aspects_ros.errors import RestingAspectsError
 
 
@@ -97,6 +103,17 @@ def test_run_is_compared_with_its_forecast(rate, minutes, said):
     found = SimpleNamespace(picks=270, total=10.0, rate=rate, minutes=minutes)
     forecast = SimpleNamespace(rate=26.0, prediction=(24.0, 28.0))
     assert said in feeder_sentence(found, forecast).splitlines()[0].rpartition(';')[2]
+
+
+def test_live_table_has_the_run_beside_its_forecast():
+    found = SimpleNamespace(minutes=10.05, total=10.0, on_tray=12, picks=270, missed=3, images=150)
+    found.rate, found.advice = 26.87, SimpleNamespace(reason='Pick 2')
+    forecast = SimpleNamespace(rate=26.0, prediction=(24.0, 28.0))
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(feeder_table(found, forecast))
+    text = console.export_text()
+    for words in ('10:03 of 10 min', '270 (3 missed)', '26.9', '26.0 (24.0 to 28.0)', 'Pick 2'):
+        assert words in text
 
 
 @pytest.mark.slow
