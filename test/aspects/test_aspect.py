@@ -33,6 +33,13 @@ def test_platonic_solids_have_one_aspect_for_each_face(solid, mesh, faces):
     np.testing.assert_allclose(share, 1 / faces, rtol=1e-5)  # float32 in the file
 
 
+def test_aspects_of_the_example_parts(part):
+    expected = {'tetrahedron': 4, 'box_10x20x30': 6, 'hex_nut': 6 + 2, 'l_bracket': 5}
+    expected['u_bracket'] = 6  # its hull is a box
+    expected |= {'cylinder_d20_h20': 3, 'washer': 3}  # two flat sides, and a curved one
+    assert {name: len(find_aspects(part(name))) for name in expected} == expected
+
+
 @pytest.mark.parametrize('ending', ['stl', 'stl_ascii', 'obj', 'ply'])
 def test_l_bracket_has_five_aspects_in_any_file(part, solid, ending):
     turn = a_turn(len(ending))

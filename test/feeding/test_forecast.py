@@ -163,6 +163,18 @@ def test_parts_that_can_always_be_picked_have_a_closed_form():
     assert forecast(changed(tray=Tray((0.2, 0.2), 0.2))).best_number == 1
 
 
+@pytest.mark.slow
+def test_action_without_effect_fills_the_tray_with_unpickable_parts():
+    """Aspect 0 is not pickable, and the action changes nothing: the tray fills with it."""
+    found = forecast(changed(transitions=100 * np.eye(3, 7, dtype=np.int64)))
+    assert found.rate == 0
+    assert found.best_number is None
+    assert found.trapped.tolist() == [True, False, False]
+    assert found.flips_per_part == math.inf
+    # A transition that was never seen in 100 actions is possible.
+    assert found.upper > 1
+
+
 def test_wrong_values_are_refused():
     for wrong in ({'number': 2.5}, {'number': 10_000}, {'minutes': math.nan}):
         with pytest.raises(InvalidValueError, match='expected'):

@@ -1,7 +1,9 @@
 """The distributions that the classifier reads from the logs of earlier runs."""
 
+import asyncio
 import os
 import shutil
+from types import SimpleNamespace
 
 import pytest
 from resting_aspects_interfaces.msg import Status
@@ -9,7 +11,7 @@ from resting_aspects_interfaces.msg import Status
 from resting_aspects_ros.aspects.find import ASPECT_NUMBERING, find_aspects
 from resting_aspects_ros.errors import InvalidValueError, LogError
 from resting_aspects_ros.logs.bag import LogOutcome
-from resting_aspects_ros.nodes.aspect_classifier.known import load_log, logs_in
+from resting_aspects_ros.nodes.aspect_classifier.known import LogLoader, load_log, logs_in
 from resting_aspects_ros.ros.conversions import poses_msgs, time_msg
 from resting_aspects_ros.ros.distribution_conversions import distribution_msg
 from resting_aspects_ros.simulation.job import plan_run
@@ -120,3 +122,25 @@ def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tm
     assert 'ready' not in classifier.output
     (tmp_path / 'pipe').write_text('')
     client.wait(lambda: 'ready' in classifier.output, 'end of the logs')
+
+
+def test_unexpected_error_of_a_log_does_not_hide_the_others(tmp_path):
+    class Files:
+        async def run(self, function, path):
+            return [path / 'b', path / 'a'] if function is logs_in else (path.name, None)
+
+    class Known(dict):
+        def add(self, name, _):
+            if name == 'b':
+                raise ValueError('operands could not be broadcast')
+            self[name] = True
+
+    known, lines = Known(), []
+    node = SimpleNamespace(
+        get_logger=lambda: SimpleNamespace(info=lines.append, warning=lines.append)
+    )
+    loader = LogLoader(node, tmp_path, Files(), known, ())
+    asyncio.run(loader.load(lambda: None))
+    assert loader.ready
+    assert known == {'a': True}
+    assert 'b: operands could not be broadcast' in lines[1]

@@ -258,6 +258,17 @@ def test_no_impact_adds_energy(lab, name, restitution, friction):
 
 
 @pytest.mark.parametrize('name', SHAPES)
+def test_energy_never_grows_on_the_way(lab, name):
+    part = lab(SHAPES[name], restitution=0.8, friction=0.6, rolling_friction=0.01)
+    position, velocity, spin, q = thrown(part, 200, 4)
+    position[:, 2] += 1.0
+    ends, codes = part.run(position, velocity, spin, q, 500.0)
+    assert (codes[:, 0] == kernel.SETTLED).all()
+    # Between impacts, the error of steps of lasting contact is of second order.
+    assert ends[:, 8].max() < 1e-4
+
+
+@pytest.mark.parametrize('name', SHAPES)
 def test_friction_opposes_the_slip_that_remains(lab, name):
     """Of one corner: within the cone, and opposite to the slip on its surface."""
     part = lab(SHAPES[name], restitution=0.5, friction=0.3)

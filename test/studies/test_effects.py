@@ -153,10 +153,10 @@ def test_fresh_drops_find_the_largest_change_without_bias():
     assert above <= binom.ppf(0.999, runs, 0.05)
 
 
-def verdicts(tolerance, drops):
-    """Return effects and verdicts for shares that restitution changes by 0.2, friction not."""
+def verdicts(tolerance, drops, change=0.2, seed=1):
+    """Return effects and verdicts for shares that restitution changes, and friction does not."""
     part, design = ra.load_part('cylinder_d20_h20'), make_design('curves', FACTORS, 16, 3)
-    rng, share = np.random.default_rng(1), 0.4 + 0.2 * design.points[:, 0]
+    rng, share = np.random.default_rng(seed), 0.4 + change * design.points[:, 0]
     counts, fresh = (
         np.stack([count, n - count], axis=1)
         for count, n in ((rng.binomial(n, share), n) for n in (drops, 8 * drops))
@@ -175,6 +175,19 @@ def test_factor_that_moves_the_shares_is_worth_measuring():
     assert found == [('restitution', WORTH), ('friction', NOT_WORTH)]
     # A change near the tolerance is not decided.
     assert verdicts(0.2, 50)[1][0] == ('restitution', OPEN)
+
+
+@pytest.mark.slow
+def test_verdicts_have_few_errors(monkeypatch):
+    """A change of exactly the tolerance is called larger in at most 5 % of the studies."""
+    monkeypatch.setattr(effects_module, 'RESAMPLES', 2)
+    runs, wrong, decided = 30, 0, 0
+    for seed in range(runs):
+        found = dict(verdicts(0.05, 400, change=0.05, seed=seed)[1])
+        wrong += found['restitution'] == WORTH
+        decided += found['friction'] == NOT_WORTH
+    assert wrong <= binom.ppf(0.999, runs, 0.05)
+    assert decided > 0.7 * runs
 
 
 def test_impossible_points_cost_their_levels_and_lines():

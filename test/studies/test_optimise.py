@@ -126,11 +126,11 @@ def problem(share, seed=0, above=0.0):
     return drop
 
 
-def searched(drop, factors, seed=1, levels=None):
+def searched(drop, factors, seed=1, levels=None, total=200_000):
     """Return the points of a search and the best ones."""
     ranges = [Factor(f'f{k}', 0.0, 1.0, levels) for k in range(factors)]
-    points = search(drop, ranges, SHARE, 200_000, seed)
-    return points, best_points(points, SHARE, 200_000, seed)
+    points = search(drop, ranges, SHARE, total, seed)
+    return points, best_points(points, SHARE, total, seed)
 
 
 @pytest.mark.parametrize('factors', [1, 4])
@@ -177,6 +177,30 @@ def test_equally_good_conditions_have_a_winner_as_rarely_as_stated():
         draws = [SHARE.posterior(counts[k], rng, 2000) for k in order]
         won += compared(draws, 0.95)[1] >= 1 - 0.05 / 3
     assert won <= binom.ppf(0.999, runs, 0.05)
+
+
+@pytest.mark.slow
+def test_stated_certainty_and_intervals_hold_over_repetitions():
+    """Fresh drops are not biased (winner's curse), and intervals contain the truth."""
+    runs, drops, covered, sure, optimism, lucky = 25, 4000, 0, [], [], []
+    for seed in range(runs):
+        known, best = searched(problem(hill, seed), 2, seed, total=6 * drops)
+        truth = hill(points := np.array([*best, [0.5, 0.5]]))
+        fresh = problem(hill, seed)(points, drops, 'fresh')
+        order, rng = np.argsort(-fresh[:, 0], kind='stable'), np.random.default_rng(seed)
+        gains, certainty = compared([SHARE.posterior(fresh[k], rng, 2000) for k in order], 0.9)
+        differences = truth[order[0]] - truth[order[1:]]
+        for gain, difference in zip(gains, differences, strict=True):
+            covered += gain.gain.lower <= difference <= gain.gain.upper
+        if certainty >= 1 - 0.05 / 3:
+            sure.append(truth[order[0]] == truth.max())
+        counts = known[tuple(best[0].tolist())]
+        optimism.append(fresh[0, 0] / drops - truth[0])
+        lucky.append(counts[0] / counts.sum() - truth[0])
+    assert covered >= binom.ppf(0.001, 2 * runs, 0.9)
+    assert sum(sure) >= binom.ppf(0.001, len(sure), 0.95)
+    assert abs(np.mean(optimism)) < 4 * np.sqrt(0.25 / drops / runs)
+    assert np.mean(lucky) > np.mean(optimism)
 
 
 def test_certainty_of_the_best_is_that_of_their_posteriors():

@@ -227,6 +227,19 @@ def test_mirror_images_that_no_symmetric_trap_separates_are_told_apart(rows_of):
     np.testing.assert_array_equal(matrix[:, :2], np.eye(2))
 
 
+def test_rate_of_one_trap(part, rows_of):
+    shape = part('hex_nut')
+    rows = rows_of(shape)
+    track = Track(traps.Surface(width=0.03), speed=0.05, fill=0.8, traps=(traps.Wiper(0.0127),))
+    flat = next(row for row in rows if row.height < 0.01)
+    found = pass_traps(shape, rows, track, (flat.id,))
+    length = sum(row.probability * row.length for row in rows)
+    expected = 60 * 0.05 * 0.8 / length * flat.probability
+    assert found.rate == pytest.approx((expected, expected))
+    assert found.good == pytest.approx((flat.probability,) * 2)
+    assert found.purity == (1.0, 1.0)
+
+
 def test_a_sensor_keeps_what_it_takes_for_a_wanted_row(part, rows_of):
     nut = part('hex_nut')
     rows = rows_of(nut)
