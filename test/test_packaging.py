@@ -125,8 +125,9 @@ def test_package_xml_and_requirements_declare_what_is_imported():
     assert started == {'rviz2', 'tf2_ros'}
     pinned_of_tests, keys_of_tests = needed('test')
     package = parse_package(SUITE)
-    # trimesh reads 3MF files with networkx.
-    assert names(package.exec_depends) == keys | in_launch | started | {'python3-networkx'}
+    # trimesh reads 3MF files with lxml and networkx.
+    scenes = {'python3-lxml', 'python3-networkx'}
+    assert names(package.exec_depends) == keys | in_launch | started | scenes
     assert names(package.test_depends) - keys_of_tests == NEVER_IMPORTED
     assert keys_of_tests <= names(package.exec_depends + package.test_depends)
     assert pinned <= requirements('requirements.in')
@@ -141,8 +142,8 @@ def test_setup_declares_what_the_rooms_without_ros_import():
     optional = {name.match(each)[0] for of in extras.values() for each in of}
     pinned, _ = needed('resting_aspects_ros')
     assert pinned - required - optional == set()
-    # trimesh reads 3MF files with networkx.
-    assert required - pinned == {'networkx'}
+    # trimesh reads 3MF files with lxml and networkx.
+    assert required - pinned == {'lxml', 'networkx'}
     assert {name.match(each)[0] for each in extras['dask']} == OPTIONAL
     assert requirements('requirements-dev.in') - requirements('requirements.in') >= OPTIONAL
     assert required | (optional - OPTIONAL - {'numba-cuda'}) <= requirements('requirements.in')

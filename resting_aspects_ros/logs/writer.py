@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import glob
 import os
+import struct
 import uuid
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -18,6 +20,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, BinaryIO, final
 
+from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
@@ -25,7 +28,7 @@ from resting_aspects_ros import __version__
 from resting_aspects_ros.errors import LogError
 from resting_aspects_ros.input_files import named, parse_yaml, printable, yaml_text
 from resting_aspects_ros.logs.bag import FILE_NAME, is_compressed, log_files, write_metadata
-from resting_aspects_ros.logs.reader import McapFile
+from resting_aspects_ros.logs.reader import MAGIC, McapFile
 from resting_aspects_ros.logs.topics import Qos, Topic, load_schema, qos_profiles
 from resting_aspects_ros.system import lock_file
 
@@ -307,9 +310,10 @@ class RecoveryResult:
 
 
 def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
-    """Rewrite a log that was not closed with its end, and with metadata.yaml if it is a folder.
+    """Rewrite a log without its end, and write metadata.yaml if it is a folder.
 
-    The new file replaces the old one after it was synced to disk.
+    So is a log whose index at its end is damaged, which other programs need. The new file replaces
+    the old one after it was synced to disk.
 
     log : Path
         The folder of a run, or its MCAP file.
@@ -335,7 +339,11 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
         # The lock is held during the recovery, so that no other process writes the log.
         if lock_file(file.stream) is False:
             return RecoveryResult(0, being_written=True)
-        if file.closed and (folder is None or (folder / FILE_NAME).is_file()):
+        if (
+            file.closed
+            and _index_is_whole(file.stream)
+            and (folder is None or (folder / FILE_NAME).is_file())
+        ):
             return RecoveryResult(sum(1 for _ in file.messages()), closed=True)
         try:
             information = _replace_by_copy(file, records or {})
@@ -346,6 +354,20 @@ def recover_log(log: Path, records: _Records | None = None) -> RecoveryResult:
                 f'{named("log", path)} cannot be written: {error.strerror or error}'
             ) from error
         return RecoveryResult(file.message_count)
+
+
+def _index_is_whole(stream: BinaryIO) -> bool:
+    """Return whether the index of a closed file has its checksum, which the footer may omit."""
+    footer = struct.Struct('<BQQQI')  # opcode, length, where the index and its offsets begin, CRC
+    end = stream.seek(0, os.SEEK_END) - len(MAGIC)
+    if end < footer.size:
+        return False
+    stream.seek(end - footer.size)
+    opcode, _, start, _, crc = footer.unpack(stream.read(footer.size))
+    if opcode != Opcode.FOOTER or start > end:
+        return False
+    stream.seek(start or end - footer.size)
+    return crc in (0, zlib.crc32(stream.read(end - 4 - stream.tell())))
 
 
 def _replace_by_copy(file: McapFile, records: _Records) -> dict[str, Any]:

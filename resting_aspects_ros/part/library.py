@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -285,7 +286,15 @@ def load_part(
         raise InvalidValueError(
             f'invalid folder of parts {shown(str(folder))}: expected a folder of meshes'
         )
-    return PartLibrary(parts_folder() if folder is None else Path(folder)).load(text)
+    try:
+        return PartLibrary(parts_folder() if folder is None else Path(folder)).load(text)
+    except UnknownPartError:
+        if folder is None and (here := _mesh_here(text)):
+            raise UnknownPartError(
+                f'part {shown(text)} is not known; for the mesh file in this folder, write '
+                f'{here!r}'
+            ) from None
+        raise
 
 
 def given_part(part: Part | str | Path) -> Part:
@@ -304,6 +313,16 @@ def mesh_file(text: str | Path | None) -> Path | None:
     if text and (any(sep in text for sep in seps) or Path(text).suffix or text in ('.', '..')):
         return Path(text)
     return None
+
+
+def _mesh_here(stem: str) -> str:
+    """Return the name of a mesh file in the working folder; empty if there is none."""
+    with suppress(OSError):
+        for file in sorted(Path().iterdir()):
+            ending = file.suffix.lower().removeprefix('.')
+            if file.stem == stem and ending in FILE_FORMATS and file.is_file():
+                return file.name
+    return ''
 
 
 def _yaml_values(mesh: Path, unit: str | None, body: int | str | None) -> dict[str, Any]:

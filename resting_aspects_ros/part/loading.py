@@ -69,8 +69,9 @@ class SeparateBodiesError(PartError):
         See Part.
     """
 
-    def __init__(self, what: str, bodies: tuple[str, ...]) -> None:
-        super().__init__(f'{what} ({listed(bodies)}): choose one{CHOOSE}')
+    def __init__(self, what: str, bodies: tuple[str, ...] = ()) -> None:
+        # Without bodies, ``what`` is the whole text: a process passes the error on by it.
+        super().__init__(f'{what} ({listed(bodies)}): choose one{CHOOSE}' if bodies else what)
         self.bodies = bodies
 
 
