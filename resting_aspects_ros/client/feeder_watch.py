@@ -1,4 +1,4 @@
-"""What a run of the feeder demo has done, from the messages of its nodes."""
+"""What a run of the feeder demo has done, from the messages of its nodes, and how it is shown."""
 
 import time
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from resting_aspects_interfaces.msg import DetectionArray, FeederAdvice, PickResult
+from rich.table import Table
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 
@@ -45,13 +46,18 @@ class FeederWatch:
         These minutes.
     done : Future
         Done with the first image after these minutes.
+    on_tray : int
+        Parts in the newest image; parts that touch count as one.
+    advice : FeederAdvice or None
+        The newest one for a new image.
     best : Moment or None
         The image with the most picks.
     """
 
     def __init__(self, node: Node, part: str, total: float) -> None:
         self.done = Future()
-        self.images = 0
+        self.images = self.on_tray = 0
+        self.advice: FeederAdvice | None = None
         self.best: Moment | None = None
         self.total = total
         self._begin, self._now = 0, 0  # time of the first image, and newest time until the end
@@ -141,6 +147,7 @@ class FeederWatch:
             self.done.set_result(None)
             return
         self.images += 1
+        self.on_tray = len(message.detections)
 
     def _on_result(self, message: PickResult) -> None:
         stamp = nanoseconds(message.header.stamp)
@@ -154,6 +161,7 @@ class FeederWatch:
             return
         if message.choice == FeederAdvice.WAIT:
             return
+        self.advice = message
         image = self._images.get(nanoseconds(seen.header.stamp))
         most = -1 if self.best is None else len(self.best.advice.picks)
         if image is not None and len(message.picks) > most:
@@ -164,6 +172,31 @@ class FeederWatch:
         if not self._begin:
             return 0
         return sum(self._begin < t <= self._now and found == result for t, found in self._results)
+
+
+# -- What is shown --------------------------------------------------------------------------------
+
+
+def feeder_table(watch: FeederWatch, forecast: ControlledRuns) -> Table:
+    """Return the table of a running feeder beside its forecast."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(style='dim', no_wrap=True)
+    table.add_column()
+    minutes, seconds = divmod(round(60 * watch.minutes), 60)
+    lower, upper = map(number_text, forecast.prediction)
+    interval = f'{number_text(forecast.rate)} ({lower} to {upper})'
+    rows = {
+        'simulated time': f'{minutes}:{seconds:02d} of {watch.total:g} min',
+        'parts in the image': str(watch.on_tray),
+        'advice': watch.advice.reason if watch.advice is not None else '',
+        'images': str(watch.images),
+        'picks': f'{watch.picks}' + (f' ({watch.missed} missed)' if watch.missed else ''),
+        'parts per minute': number_text(watch.rate),
+        'forecast': f'{interval}, 95 % of runs of {watch.total:g} min',
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    return table
 
 
 def feeder_sentence(watch: FeederWatch, forecast: ControlledRuns) -> str:

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.live import Live
 
 from resting_aspects_ros.api.forecast import (
     CLEARANCE,
@@ -29,7 +31,12 @@ from resting_aspects_ros.cli.node_processes import NodeProcesses, own_namespace
 from resting_aspects_ros.cli.verbs.forecast import add_tray
 from resting_aspects_ros.client.client import RestingAspectsClient
 from resting_aspects_ros.client.connection import Connection
-from resting_aspects_ros.client.feeder_watch import FeederWatch, Moment, feeder_sentence
+from resting_aspects_ros.client.feeder_watch import (
+    FeederWatch,
+    Moment,
+    feeder_sentence,
+    feeder_table,
+)
 from resting_aspects_ros.errors import RestingAspectsError
 from resting_aspects_ros.feeding.footprint import Tray
 from resting_aspects_ros.feeding.forecast import check_minutes
@@ -176,10 +183,9 @@ class FeederDemo:
             start(node for node in nodes if node not in SUITE)
             print(f'Forecast {controlled_text(forecast)}.', file=sys.stderr)
             connection = Connection(None, namespace, processes.check)
-            minutes = self._arguments.minutes
-            seconds = round(60 * minutes)
-            progress = DropProgress(f'{self._name}, simulated time', seconds, 's')
-            with closing(connection), progress:
+            live = Live(console=Console(stderr=True), auto_refresh=False)
+            with closing(connection), live:
+                minutes = self._arguments.minutes
                 watch = self.watch = connection.run(
                     lambda: FeederWatch(connection.node, self._name, minutes)
                 )
@@ -191,9 +197,13 @@ class FeederDemo:
                             f'simulated time stands still for {MAX_SILENCE:g} s: see the logs of '
                             f'the nodes in {str(self._out)!r}'
                         )
-                    progress.update(min(int(60 * watch.minutes), seconds))
+                    if watch.images:
+                        live.update(feeder_table(watch, forecast), refresh=True)
                     time.sleep(PERIOD)
                 time.sleep(REST)
+                live.update(feeder_table(watch, forecast), refresh=True)
+            if not live.console.is_terminal:  # Live ends the line only there
+                live.console.line()
 
     def save(self) -> str:
         """Write what was found, print a summary, and return the document."""
