@@ -320,10 +320,11 @@ def reorientation_page(
         )
         for number, result in enumerate(results, start=1)
     ]
-    views = [result if each else result.by_class() for result in results]
+    by_class = not each and _whole_classes(first, wanted)
+    views = [result.by_class() if by_class else result for result in results]
     shares = {v.action.name: v.long_run.shares for v in views if v.long_run is not None}
     if len(shares) > 1:
-        rows = table_rows(first.matrix.aspects, by_class=not each)
+        rows = table_rows(first.matrix.aspects, by_class=by_class)
         drop = views[0].drop_shares
         mask = _wanted_rows(wanted, rows)
         table = actions_table(rows, drop / drop.sum(), shares, mask, '')
@@ -412,9 +413,7 @@ def _long_run_items(result: 'ReorientResult', *, each: bool) -> Iterator[Item]:
 
 def _way_items(result: 'ReorientResult', wanted: Sequence[int], *, each: bool) -> Iterator[Item]:
     with analysis('the way to the wanted aspects'):
-        classes = [{aspect.id for aspect in row} for row in result.matrix.aspects.classes()]
-        # Where only a part of a class is wanted, its aspects differ.
-        by_class = not each and all(ids.isdisjoint(wanted) or ids <= {*wanted} for ids in classes)
+        by_class = not each and _whole_classes(result, wanted)
         view = result.by_class() if by_class else result
         rows = table_rows(result.matrix.aspects, by_class=by_class)
         mask = _wanted_rows(wanted, rows)
@@ -433,6 +432,12 @@ def _plan_section(result: 'ReorientResult', plan: 'PlanResult', wanted: Sequence
         'part, which takes no time.'
     )
     return Section('Best plan', 'plan', [text, plan_table(rows, plan.plan, plan.names, '')])
+
+
+def _whole_classes(result: 'ReorientResult', wanted: Sequence[int]) -> bool:
+    """Return whether whole classes are wanted; if not, the aspects of a class differ."""
+    classes = [{aspect.id for aspect in row} for row in result.matrix.aspects.classes()]
+    return all(ids.isdisjoint(wanted) or ids <= {*wanted} for ids in classes)
 
 
 def _wanted_rows(wanted: Sequence[int], rows: Rows) -> npt.NDArray[np.bool_]:

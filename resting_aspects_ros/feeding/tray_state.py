@@ -188,8 +188,8 @@ def known_class(detection: Detection, classes: int) -> int:
     """
     each, numbers = detection, {'': 0, **{str(k): k for k in range(1, classes + 1)}}
     for name, is_valid, expected in (
-        ('x', abs(each.x) <= MAX_COORDINATE, f'm, at most {MAX_COORDINATE:g}'),
-        ('y', abs(each.y) <= MAX_COORDINATE, f'm, at most {MAX_COORDINATE:g}'),
+        ('x', abs(each.x) <= MAX_COORDINATE, f'at most {MAX_COORDINATE:g} m'),
+        ('y', abs(each.y) <= MAX_COORDINATE, f'at most {MAX_COORDINATE:g} m'),
         ('yaw', math.isfinite(each.yaw), 'a finite number'),
         ('score', 0 <= each.score <= 1, '0 to 1'),
         ('clearance', each.clearance >= 0, '0 m or more'),

@@ -56,13 +56,17 @@ class ComparedResults:
         """The counts of both sides."""
         return self.a, self.b
 
-    @property
-    def tally_texts(self) -> list[str]:
-        """Label and counts of each side, as 'A 93 of 100'."""
+    def tally_texts(self, after_label: str = ' ') -> list[str]:
+        """Return label and counts of each side, as 'A 93 of 100'."""
         return [
-            f'{label} {tally.counts.sum()} of {tally.drops}'
+            f'{label}{after_label}{tally.counts.sum()} of {tally.drops}'
             for label, tally in zip(self.labels, self.tallies, strict=True)
         ]
+
+    def row_text(self, k: int) -> str:
+        """Return the name of a row in a sentence, such as 'class 3+4' or 'aspects 1 and 2'."""
+        several = self.what == 'aspect' and not self.names[k].isdigit()
+        return f'{self.what}{"s" if several else ""} {self.names[k]}'
 
     @property
     def shares(self) -> list[list[Interval]]:
@@ -160,10 +164,10 @@ def measures(sides: ComparedResults) -> dict[str, str]:
     by = 'chi-square' if comparison.p_by == 'chi-square' else f'Monte Carlo, {TABLES} tables'
     rows = {
         'total variation': f'{100 * comparison.total_variation:.3g} %',
-        'largest deviation': f'{largest} points in {sides.what} {sides.names[k]}',
+        'largest deviation': f'{largest} points in {sides.row_text(k)}',
         'mean absolute deviation': f'{100 * comparison.mean_deviation:.3g} % over {many}',
         'p value': f'{p_text(comparison.p_value).removeprefix("p = ")} by {by}',
-        'drops in aspects': ', '.join(sides.tally_texts),
+        'drops in aspects': ', '.join(sides.tally_texts()),
     }
     if any(getattr(tally, name) for tally in sides.tallies for name in REST):
         ranged = ' and model ranges' if any(sides.models) else ''
@@ -241,7 +245,7 @@ def verdict(sides: ComparedResults) -> str:
     certain = np.flatnonzero((comparison.lower > 0) | (comparison.upper < 0))
     among = certain if len(certain) else np.arange(len(sides.ids))
     k = int(among[np.abs(comparison.deviation[among]).argmax()])
-    difference = f'{difference_texts(sides)[k]} points in {sides.what} {sides.names[k]}'
+    difference = f'{difference_texts(sides)[k]} points in {sides.row_text(k)}'
     if len(certain):
         return f'They differ by {difference} ({p_value}).'
     return (

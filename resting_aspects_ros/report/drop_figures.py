@@ -109,7 +109,7 @@ def comparison_figure(
     """
     legend = '\n'.join(
         textwrap.fill(f'{place} bar: {text} drops in an aspect', int(width / 0.075))
-        for place, text in zip(('upper', 'lower'), sides.tally_texts, strict=True)
+        for place, text in zip(('upper', 'lower'), sides.tally_texts(', '), strict=True)
     )
     figure, axes = _band_axes(rows, width, 0.5 + 0.16 * len(legend.splitlines()))
     at = 0.2 / width, 0.1 / figure.get_figheight()

@@ -295,8 +295,8 @@ class Factor:
         number = type(self.levels) is int and 2 <= self.levels <= MAX_LEVELS
         if self.levels is not None and not number:
             raise InvalidValueError(
-                f'invalid number of levels {shown(self.levels)} of {self.name}: expected 2 to '
-                f'{MAX_LEVELS}, or none for all values in between'
+                f'invalid number of levels {shown(self.levels)} of {self.name}: expected an '
+                f'integer from 2 to {MAX_LEVELS}, or none for all values in between'
             )
 
     @property

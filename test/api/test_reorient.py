@@ -97,6 +97,8 @@ def test_best_plan_prefers_the_quicker_way_for_each_class(crate, workers):
     ]
     found = ra.plan_reorientation(results, [1, 2])
     assert [found.names[k] for k in found.plan.action[2:]] == ['quick'] * 4
+    sections = {each.anchor: each for each in reorientation_page(results, wanted=[1]).sections}
+    assert sections['actions'].items[0].rows[-1][0] == 'wanted'  # also of a part of a class
     # Aspects of a class take the same time.
     assert found.plan.time[2::2].tolist() == found.plan.time[3::2].tolist()
 

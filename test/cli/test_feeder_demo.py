@@ -142,6 +142,7 @@ def test_demo_compares_a_run_with_its_forecast(run, running, monkeypatch, tmp_pa
     # A small tray and a short run: few places, small images.
     ended = run('feeder_demo', '--tray', '100x100mm', '--out', '.', '--minutes', 0.3, '--json')
     assert ended.returncode == 0, ended.stderr
+    assert 'simulated time' in ended.stderr
     found = json.loads(ended.stdout)
     assert found == json.loads((tmp_path / 'feeder_demo.json').read_text())
     assert found['complete']

@@ -46,10 +46,10 @@ def test_factor_is_parsed():
     ('text', 'message'),
     [
         ('height', 'expected NAME=LOW:HIGH'),
-        ('height=20mm:200mm:1', 'levels 1 of height: expected 2 to 1000'),
+        ('height=20mm:200mm:1', 'levels 1 of height: expected an integer from 2 to 1000'),
         ('height=10mm:20mm:' + '9' * 400, 'expected LOW:HIGH'),
         ('height=10mm:10.00000000000001mm:3', 'expected a lower and a higher'),
-        ('height=10mm:20mm:00', 'levels 0 of height: expected 2 to 1000'),
+        ('height=10mm:20mm:00', 'levels 0 of height: expected an integer from 2 to 1000'),
         ('restitution=0.3:1.2', 'high of restitution 1.2: expected 0 to 1'),
         ('restitution=0:1:log', 'expected more than 0 for logarithmic'),
         ('hight=1:2', "expected one of height, .*; did you mean 'height'"),

@@ -6,10 +6,11 @@ from pathlib import Path
 from resting_aspects_ros.api.compare import compare
 from resting_aspects_ros.api.count_files import read_counts
 from resting_aspects_ros.api.drop import DropResult
-from resting_aspects_ros.api.result import make_folder
+from resting_aspects_ros.api.result import make_folder, write_page
 from resting_aspects_ros.api.result_json import document_result
 from resting_aspects_ros.cli import options
 from resting_aspects_ros.logs.bag import is_log
+from resting_aspects_ros.report.page import Text
 
 DESCRIPTION = """Write report.html, one file that needs no network. It shows the part in 3D, a
 picture and the probability of each aspect, charts, and all conditions. The
@@ -55,7 +56,11 @@ def run(arguments: argparse.Namespace) -> None:
         verdict = compare(result, against).verdict
     folder = arguments.out or Path('out') / result.run.part
     make_folder('--out', folder)
-    print(f'Report: {result.report(folder, against)}')
+    page = result.page(against)
+    print(f'Report: {write_page(page, folder)}')
+    for item in (each for section in page.sections for each in section.items):
+        if isinstance(item, Text) and item.style == 'verdict':
+            verdict = item.text  # by the rows of the page, as in it
     if verdict:
         print(verdict)
 

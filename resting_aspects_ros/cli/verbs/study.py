@@ -171,10 +171,10 @@ def _show(result: study.StudyResult, folder: Path) -> int:
 
 
 def _show_findings(result: study.StudyResult) -> None:
-    """Print the findings of each case, each as a sentence with details below it, and the range."""
+    """Print the findings of each case, and the range of the base."""
     for case in result.cases:
         print(f'{case.name}: {len(result.design.points)} points, {int(case.drops.sum())} drops')
         for finding in result.findings:
             if finding.case == case.name:
-                show_texts(f'* {finding.sentence}', finding.details)
+                show_texts(f'* {finding.sentence} {finding.details}'.rstrip())
     show_texts(result.spec.base.range_text)
