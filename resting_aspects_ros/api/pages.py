@@ -217,9 +217,9 @@ def part_facts(
 ) -> list[tuple[str, str]]:
     """Return label and value of each property of a part, which may not be available."""
     hashes = [('part sha256', run.part_sha256)]
-    if part is None or aspects is None:
+    if part is None:
         return [('name', run.part), *hashes]
-    symmetry = aspects.symmetry
+    symmetry = None if aspects is None else aspects.symmetry
     return [
         ('name', part.name),
         ('size along the mesh axes', size_text(part)),

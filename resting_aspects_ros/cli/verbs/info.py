@@ -7,7 +7,7 @@ from pathlib import Path
 
 from resting_aspects_ros.api.model_range import missing_in
 from resting_aspects_ros.api.pages import part_facts, run_facts, surface_facts
-from resting_aspects_ros.aspects.find import find_aspects
+from resting_aspects_ros.aspects.aspect_set import AspectSet
 from resting_aspects_ros.cli.console import print_table, show_table
 from resting_aspects_ros.cli.life_cycle import show_result
 from resting_aspects_ros.cli.options import add_output
@@ -49,12 +49,13 @@ def run(arguments: argparse.Namespace) -> None:
     if described is None and (matrix := found.transitions) is not None:
         described, action = run_from(matrix.run), action_from(matrix.action)
     counted = _counted(found)
-    of, part = described if counted is None else counted[0].aspects, found.part
+    aspects = None if counted is None else counted[0].aspects
+    of, part = described if aspects is None else aspects, found.part
     if part is None or of is None or part.part_sha256 != of.part_sha256:
         part = None
 
     def show() -> None:
-        for label, text in _lines(found, described, action, part):
+        for label, text in _lines(found, described, action, part, aspects):
             print(f'{label:26}{one_line(text, _MAX_LENGTH)}')
         if counted is None:
             return
@@ -98,6 +99,7 @@ def _lines(
     run: RunDescription | None,
     action: NamedAction | None,
     part: Part | None,
+    aspects: AspectSet | None,
 ) -> Iterator[tuple[str, str]]:
     """Yield label and text of each fact."""
     size = sum(file.stat().st_size for file in log_files(found.log))
@@ -108,7 +110,7 @@ def _lines(
         for topic, number in messages_by_topic(found.log).items():
             yield '', f'{topic}: {number} messages'
         return
-    yield from part_facts(part, run, None if part is None else find_aspects(part))
+    yield from part_facts(part, run, aspects)
     yield from surface_facts(run.conditions)
     if action is not None:
         yield 'action', f'{action.name}: {action.text}'
