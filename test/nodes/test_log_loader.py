@@ -127,7 +127,7 @@ def test_requests_are_rejected_until_logs_are_read(start, connect, namespace, tm
 def test_unexpected_error_of_a_log_does_not_hide_the_others(tmp_path):
     class Files:
         async def run(self, function, path):
-            return [path / 'b', path / 'a'] if function is logs_in else (path.name, None)
+            return (path.name, None) if function is load_log else [path / 'b', path / 'a']
 
     class Known(dict):
         def add(self, name, _):
