@@ -283,8 +283,13 @@ class CurrentAdvice:
         """Return the advice for an image from which parts have been picked since then."""
         left = {each.index for each in image.detections}
         picks = tuple(pick for pick in self.picks if pick.detection.index in left)
-        if self.choice is not Choice.PICK or picks:
+        if self.choice is not Choice.PICK or len(picks) == len(self.picks):
             return replace(self, picks=picks)
+        if picks:
+            number = len(picks)
+            what = f'{number} parts that are' if number > 1 else 'part that is'
+            reason = f'Pick the {what} left of those chosen in image {self.image}.'
+            return replace(self, picks=picks, reason=reason)
         done = f'All chosen parts of image {self.image} are picked'
         if self.then is Choice.WAIT:
             return replace(self, choice=Choice.WAIT, picks=(), reason=f'{done}: take an image.')
