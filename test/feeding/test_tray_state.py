@@ -8,11 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resting_aspects_ros.errors import InvalidValueError
+from resting_aspects_ros.feeding.control import Choice
 from resting_aspects_ros.feeding.grasps import Detection
 from resting_aspects_ros.feeding.tray_state import (
     CLOCK_TOLERANCE,
     MAX_AGE,
     SECOND,
+    ChosenPart,
+    CurrentAdvice,
     Image,
     PickOutcome,
     TrayState,
@@ -49,6 +52,16 @@ def test_picked_part_leaves_the_others(tray):
     # A second pick of a part is not understood.
     assert 'invalid detection 1 of image 1' in tray.add_result(PickOutcome.PICKED, 1, 1, NOW, NOW)
     assert left(tray) is None
+
+
+def test_advice_says_how_many_parts_are_left_to_pick(tray):
+    chosen = tuple(ChosenPart(each, 1) for each in tray.image.detections)
+    advice = CurrentAdvice(Choice.PICK, 'Pick 3 parts.', chosen, Choice.FLIP, image=1)
+    for index, words in enumerate(('2 parts that are left', 'the part that is left', 'flip')):
+        tray.add_result(PickOutcome.PICKED, 1, index, NOW, NOW)
+        advice = advice.after_picks(tray.image)
+        assert words in advice.reason
+        assert len(advice.picks) == 2 - index
 
 
 @pytest.mark.parametrize(
